@@ -14,6 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.campaign.copied_rows import of_copies
+from abbe.compcore.campaign.likely_units import of_positions
+from abbe.compcore.campaign.turned_axes import of_turned_axes
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import BODIES, like_fahrenheit, perhaps_fahrenheit
 from abbe.compcore.sentences import said
@@ -39,6 +42,8 @@ _ALIKE = 0.8
 """Correlation of measured and predicted values from which on their ratio means something."""
 _SEEN = 3.0
 """Standard uncertainties that predicted values must differ by, rms, for that."""
+_LENGTHS = {"mm": 1e3, "inches": 25.4e3}
+_ANGLES = {"mm/m": 1e3, "degrees": 17453.29}
 _RATIOS = {
     1e3: "1000: were nm or µm taken for µm or mm",
     1e-3: "1/1000: were mm written where µm belong",
@@ -66,9 +71,9 @@ def of_values(campaign: Campaign, values: F64) -> Iterator[str]:
     values
         Shape (n,): measured values without the set-ups' zeros, mm or rad.
     """
-    for kind, name, unit, other, factor, least, most in (
-        (Kind.DISPLACEMENT, "displacements", "µm", "mm", 1e3, _STILL, _WILD),
-        (Kind.ROTATION, "rotations", "µrad", "mm/m", 1e6, _STILL_ANGLE, _WILD_ANGLE),
+    for kind, name, unit, others, factor, least, most in (
+        (Kind.DISPLACEMENT, "displacements", "µm", _LENGTHS, 1e3, _STILL, _WILD),
+        (Kind.ROTATION, "rotations", "µrad", _ANGLES, 1e6, _STILL_ANGLE, _WILD_ANGLE),
     ):
         rows = campaign.kind == kind
         if rows.sum() < _FEW or not _moved(campaign, rows):
@@ -81,13 +86,30 @@ def of_values(campaign: Campaign, values: F64) -> Iterator[str]:
                 else f"vary by {in_digits(size * factor, 2)} {unit} rms only"
             )
             yield (
-                f"the {name} {how}: the column 'value' is in {unit}; were they written in {other}?"
+                f"the {name} {how}: the column 'value' is in {unit}; were they written in "
+                f"{_in_others(size * factor, unit, others)}?"
             )
         elif size > most:
             yield (
                 f"the {name} vary by {in_digits(size * factor)} {unit} rms: no machine errs "
                 f"that much; the column 'value' is in {unit}"
             )
+
+
+def _in_others(size: float, unit: str, others: Mapping[str, float]) -> str:
+    """``mm (then 4.2 µm rms) or inches (then 107 µm rms)``; what is 0 is 0 in any unit."""
+    if size == 0.0:
+        return " or ".join(others)
+    return " or ".join(
+        f"{other} (then {in_digits(size * times, 2)} {unit} rms)" for other, times in others.items()
+    )
+
+
+def of_campaign(campaign: Campaign, machine: Machine) -> Iterator[str]:
+    """What is wrong with a campaign whatever the model: units of positions, senses, copied rows."""
+    yield from of_positions(campaign, machine)
+    yield from of_turned_axes(campaign, machine)
+    yield from of_copies(campaign)
 
 
 def without_zeros(campaign: Campaign) -> F64:

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
-from abbe.compcore.campaign.suspicions import of_chi2, of_ratio, of_signals, of_values
-from abbe.compcore.campaign.turned_axes import of_turned_axes
+from abbe.compcore.campaign.suspicions import of_campaign, of_chi2, of_ratio, of_signals, of_values
 from abbe.compcore.comparison.approach import (
     SideDifference,
     by_side_and_component,
@@ -113,9 +112,9 @@ class Comparison(Shown):
         stated = not self.uncertainty.open
         repeats = not np.isfinite(campaign.sd).any()
         found = [
+            *of_campaign(campaign, self.problem.model.machine),
             *of_values(campaign, self.measured),
             *of_signals(campaign, self.problem.model.machine, self.problem.model.measured_signals),
-            *of_turned_axes(campaign, self.problem.model.machine),
             *of_ratio(campaign, self.measured, self.measured - self.residual, weight),
         ]
         for part, what, _, _ in self._parts():

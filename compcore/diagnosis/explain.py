@@ -18,7 +18,8 @@ from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPatter
 from abbe.compcore.effects import RotaryLocation, SpindleLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import effect_kinds
-from abbe.compcore.model.as_built import average_lines, held_spindle_words, seen_factor
+from abbe.compcore.model.as_built import average_lines, seen_factor
+from abbe.compcore.model.held_spindle import held_spindle, tool_of, where_they_are
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.sentences import Sentence, joined, said
 from abbe.compcore.units import in_digits, read_in, with_uncertainty
@@ -118,16 +119,24 @@ def _first(names: Sequence[str]) -> str:
 def _as_built(established: Established, diagnosis: Findings) -> list[str]:
     """What is physically there: of a rotary axis's line, of a table itself."""
     effect, model = established.found.candidate.effect, diagnosis.result.problem.model
-    values = {e.name: Value(e.value, e.sd, e.measured) for e in established.estimates}
-    if isinstance(effect, RotaryLocation):
-        kept = tuple(t for t in model.terms if t.effect != effect)
-        line = average_lines(Model(model.machine, (*kept, Term(effect, values))))
-        return [_sentence(w) for one in line if one.axis == effect.axis for w in one.words()]
-    if isinstance(effect, SpindleLocation):
-        return [_sentence(w) for w in held_spindle_words(model.machine, Term(effect, values))]
+    if isinstance(effect, RotaryLocation | SpindleLocation):
+        # what is entered for one counts from where the others are
+        found = {e.found.candidate.effect: e for e in diagnosis.established}
+        beside = tuple(t for t in model.terms if t.effect not in found)
+        terms = (Term(e, _estimated(one)) for e, one in found.items())
+        whole = Model(model.machine, (*beside, *terms))
+        if isinstance(effect, SpindleLocation):
+            held = held_spindle(whole, tool_of(diagnosis.result.problem.campaign))
+            return [_sentence(w) for w in held.words()] if held else []
+        lines = average_lines(where_they_are(whole))
+        return [_sentence(w) for one in lines if one.axis == effect.axis for w in one.words()]
     if seen_factor(model.machine, effect) > 0.0:
         return []
     return [said("On the table itself (level, indicator, R-test) it has the opposite sign.")]
+
+
+def _estimated(established: Established) -> dict[str, Value]:
+    return {e.name: Value(e.value, e.sd, e.measured) for e in established.estimates}
 
 
 def _evidence(established: Established, diagnosis: Findings, campaign: Campaign) -> str:

@@ -8,8 +8,7 @@ import numpy as np
 
 from abbe.compcore.campaign.approaches import unsaid_approaches
 from abbe.compcore.campaign.noise import NoiseFloor
-from abbe.compcore.campaign.suspicions import of_chi2, of_values
-from abbe.compcore.campaign.turned_axes import of_turned_axes
+from abbe.compcore.campaign.suspicions import of_campaign, of_chi2, of_signals, of_values
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.hardly_noise import beyond_repeats, too_few_rows
@@ -183,11 +182,13 @@ def diagnosis_words(
 def suspicious(diagnosis: Findings) -> Iterator[str]:
     """A wrong unit or sense of an axis, or far less left than stated: said first of all."""
     whole = diagnosis.whole
+    yield from of_campaign(whole.problem.campaign, whole.model.machine)
     if diagnosis.standing is None:
         # of a model with values the units are seen against what it predicts
         campaign = whole.problem.campaign
         yield from of_values(campaign, whole.seen(campaign.value))
-    yield from of_turned_axes(whole.problem.campaign, whole.model.machine)
+        known = whole.problem.model.measured_signals
+        yield from of_signals(campaign, whole.model.machine, known)
     if whole.chi2_per_dof < 1.0:
         yield from of_chi2(whole.chi2_per_dof, whole.dof, stated=uncertainty_stated(diagnosis))
 

@@ -11,9 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Kind
-from abbe.compcore.campaign.suspicions import of_chi2, of_ratio, of_signals, of_values
+from abbe.compcore.campaign.suspicions import of_campaign, of_chi2, of_ratio, of_signals, of_values
 from abbe.compcore.campaign.thinning import thinned
-from abbe.compcore.campaign.turned_axes import of_turned_axes
 from abbe.compcore.distributions import chi2_beyond
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.design.design_matrix import Problem
@@ -114,9 +113,8 @@ class Solution:
         problem, campaign = self.problem, self.problem.campaign
         measured = self.seen(campaign.value)
         known = problem.model.measured_signals
-        found = [*of_values(campaign, measured)]
+        found = [*of_campaign(campaign, problem.model.machine), *of_values(campaign, measured)]
         found += of_signals(campaign, problem.model.machine, known)
-        found += of_turned_axes(campaign, problem.model.machine)
         if problem.model.fit:
             before = problem.layout.of_model(problem.model, campaign)
             predicted = self.seen(problem.predicted(before))

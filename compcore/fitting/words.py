@@ -16,11 +16,9 @@ from abbe.compcore.fitting.knots.choice import KnotChoice
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.fitting.solution import Solution
 from abbe.compcore.fitting.undetermined.words import Undetermined
-from abbe.compcore.model.as_built import (
-    ON_THE_TABLE,
-    average_line_words,
-    reversed_parameters,
-)
+from abbe.compcore.model.as_built import ON_THE_TABLE, reversed_parameters
+from abbe.compcore.model.held_spindle import tool_of
+from abbe.compcore.model.to_enter import average_line_words
 from abbe.compcore.sentences import joined, listed, said
 from abbe.compcore.units import display, in_digits, read_in, with_uncertainty
 
@@ -232,7 +230,7 @@ def parameter_lines(result: Solution) -> Iterator[str]:
 
 def rotary_words(result: Solution) -> Iterator[str]:
     """Lines about rotary axes' average lines, and about signs when measured on a table."""
-    yield from average_line_words(result.model)
+    yield from average_line_words(result.model, tool_of(result.problem.campaign))
     if any(reversed_parameters(result.model.machine, e) for e in result.model.effects):
         yield ON_THE_TABLE
 

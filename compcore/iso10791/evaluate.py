@@ -15,14 +15,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
-from abbe.compcore.effects import RotaryLocation
+from abbe.compcore.effects import RotaryLocation, SpindleLocation
 from abbe.compcore.errors import InputError
+from abbe.compcore.fitting.design.unknowns import UnknownLayout
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.iso10791.error_motions import AngleCurve, MotionColumns, measured_directions
+from abbe.compcore.iso10791.only_together import OnlyTogether, only_together
 from abbe.compcore.iso10791.poses import around
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.as_built import AverageLine, Side, average_lines, side_of
+from abbe.compcore.model.held_spindle import HeldSpindle, held_spindle, tool_of, where_they_are
 from abbe.compcore.model.model import Model, Value
 
 F64 = NDArray[np.float64]
@@ -98,12 +101,18 @@ class RotaryEvaluation:
         In the order of the structure.
     result
         The fit of the lines.
+    spindle
+        Where the head holds its spindle; None where no axis of a head turned.
+    together
+        Which unknowns of a head the poses show only together.
     left
         Root mean square of what lines and error motions leave, mm.
     """
 
     axes: tuple[RotaryAxisResult, ...]
     result: FitResult
+    spindle: HeldSpindle | None
+    together: tuple[OnlyTogether, ...]
     left: float
 
 
@@ -131,17 +140,16 @@ def evaluate_rotary(machine: Machine, campaign: Campaign) -> RotaryEvaluation:
             found="rows of other kinds",
             expected="displacements only",
         )
-    loose = [s.name for s in campaign.setups.values() if "frame" in s.free]
-    if loose and all(side_of(machine, a) == "tool" for a in turned):
-        raise InputError(
-            "where a head's lines lie is not seen with a sphere on the bed that stands anyhow",
-            field="placed",
-            found=", ".join(loose[:3]),
-            expected="--placed: the sphere's place is known and the nest's zero is its middle",
-        )
-    model = Model(machine).with_effects(*(RotaryLocation(axis=a) for a in turned))
+    if any(side_of(machine, a) == "workpiece" for a in turned):
+        # what a table carries is where its line has carried it, however well it was placed
+        free = {n: replace(s, free=("frame",)) for n, s in campaign.setups.items()}
+        campaign = replace(campaign, setups=free)
+    loose = any("frame" in s.free for s in campaign.setups.values())
+    held = [SpindleLocation()] if any(side_of(machine, a) == "tool" for a in turned) else []
+    model = Model(machine).with_effects(*(RotaryLocation(axis=a) for a in turned), *held)
     curves, result = _separated(campaign, fit(model, campaign), turned)
-    lines = {line.axis: line for line in average_lines(result.model)}
+    model = where_they_are(result.model, placed=not loose)
+    lines = {line.axis: line for line in average_lines(model)}
     found = tuple(
         RotaryAxisResult(
             axis,
@@ -151,9 +159,13 @@ def evaluate_rotary(machine: Machine, campaign: Campaign) -> RotaryEvaluation:
             tuple(_ranges(machine, campaign, axis)),
             curves[axis],
         )
-        for axis, term in zip(turned, result.model.terms, strict=True)
+        for axis, term in zip(turned, model.terms, strict=False)
     )
-    return RotaryEvaluation(found, result, result.rms(Kind.DISPLACEMENT))
+    spindle = held_spindle(model, tool_of(campaign))
+    together = only_together(result, _counted_from(result.problem.model, result.problem.layout))
+    return RotaryEvaluation(
+        found, result, spindle, tuple(together) if held else (), result.rms(Kind.DISPLACEMENT)
+    )
 
 
 def _separated(
@@ -194,19 +206,35 @@ def _with_zeros_kept(result: FitResult, factor: float = 1.0) -> Model:
     if covariance is None:
         return result.model
     null = np.hstack([result.null.convention, result.null.unknown])
-    zeros = [where.stop - 1 for where in layout.terms]
     move = np.eye(layout.size)
-    if null.shape[1]:
-        kept = null[zeros]
-        move[:, zeros] -= null @ np.linalg.pinv(kept, rcond=_IMITATED)
+    for rows in _counted_from(result.problem.model, layout):
+        kept = null[rows]
+        if not null.shape[1] or not rows:
+            continue
+        step = np.eye(layout.size)
+        step[:, rows] -= null @ np.linalg.pinv(kept, rcond=_IMITATED)
+        move = step @ move
         _, size, right = np.linalg.svd(kept)
-        free = null @ right[int((size > _IMITATED).sum()) :].T
-        move = (np.eye(layout.size) - free @ np.linalg.pinv(free)) @ move
+        null = null @ right[int((size > _IMITATED).sum()) :].T
+    move = (np.eye(layout.size) - null @ np.linalg.pinv(null)) @ move
     move = scale[:, None] * move / scale
     covariance = factor * (move @ covariance @ move.T) + result.null.prior_covariance(scale)
     sd = np.sqrt(np.maximum(np.diag(covariance), 0.0))
     moved = result.model.with_values(layout.values(move @ theta, sd))
     return replace(moved, covariance=covariance)
+
+
+def _counted_from(model: Model, layout: UnknownLayout) -> tuple[list[int], list[int]]:
+    """The unknowns that say where axes count from: rotary ones' zeros, then a head's place."""
+    zeros, places = [], []
+    for where, effect in zip(layout.terms, model.effects, strict=True):
+        if not isinstance(effect, RotaryLocation):
+            continue
+        zeros.append(where.stop - 1)
+        for i, p in enumerate(effect.linear(model.machine)):
+            if p.convention and p.unit == "mm":
+                places.append(where.start + i)
+    return zeros, places
 
 
 def _ranges(machine: Machine, campaign: Campaign, axis: str) -> Iterator[ReadingRange]:

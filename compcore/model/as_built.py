@@ -15,7 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.effects import RotaryLocation, SpindleLocation, Squareness
+from abbe.compcore.effects import RotaryLocation, Squareness
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component
@@ -58,7 +58,9 @@ ON_THE_TABLE = said(
     "axes on the workpiece side: a level, an indicator or an R-test on the table itself shows the "
     "opposite sign of these errors of the tool relative to the workpiece"
 )
-_SURE = 2.0
+
+
+SURE = 2.0
 """Standard uncertainties from which on a place is known well enough to be entered."""
 
 
@@ -145,7 +147,7 @@ class AverageLine:
 
     def _known(self, k: int) -> bool:
         """Whether it is sure enough which way it lies, in a direction, to be entered."""
-        return bool(np.isnan(self.offset_sd[k]) or abs(self.offset[k]) > _SURE * self.offset_sd[k])
+        return bool(np.isnan(self.offset_sd[k]) or abs(self.offset[k]) > SURE * self.offset_sd[k])
 
     def _place_words(self) -> str:
         if not self.place_measured:
@@ -231,7 +233,7 @@ def _line(model: Model, axis: str, fitted: dict[str, int]) -> AverageLine:
     beside = np.zeros((6, len(theta)))
     for other in (*carriers, axis):
         point = np.asarray(machine.axis(other).location)
-        block = _pose(model, fitted[other], where - point, len(theta))
+        block = line_pose(model, fitted[other], where - point, len(theta))
         place += block
         if other == axis:
             beside += block
@@ -240,8 +242,9 @@ def _line(model: Model, axis: str, fitted: dict[str, int]) -> AverageLine:
     sd = np.full(6, np.nan)
     if covariance is not None:
         sd = np.sqrt(np.maximum(np.einsum("ip,pq,iq->i", place, covariance, place), 0.0))
-    elif not carriers:
-        sd = _stated_sd(model.terms[fitted[axis]])
+    else:
+        sd = np.sqrt(place**2 @ stated_variance(model))
+        sd = np.where(np.isnan(_stated_sd(model.terms[fitted[axis]])), np.nan, sd)
     lean, offset = value[3:].copy(), value[:3].copy()
     zero_name = f"E_{'ABC'[own]}0{axis}"
     zero = model.terms[fitted[axis]].values[zero_name]
@@ -283,7 +286,7 @@ def _from_the_bed(machine: Machine, axis: str) -> list[str]:
     return [a for a in order[: order.index(axis) + 1] if machine.axis(a).rotary]
 
 
-def _pose(model: Model, term: int, reach: F64, size: int) -> F64:
+def line_pose(model: Model, term: int, reach: F64, size: int) -> F64:
     """What a location's parameters do to a frame at `reach` from its origin, shape (6, size)."""
     at = sum(len(t.values) for t in model.terms[:term])
     names = list(model.terms[term].values)
@@ -294,6 +297,12 @@ def _pose(model: Model, term: int, reach: F64, size: int) -> F64:
         if k >= 3:
             block[:3, at + i] += np.cross(np.eye(3)[k - 3], reach)
     return block
+
+
+def stated_variance(model: Model) -> F64:
+    """Each parameter's own variance, shape (m,), 0 where none is stated."""
+    every = [v.sd for t in model.terms for v in t.values.values()]
+    return np.array([0.0 if sd is None else sd**2 for sd in every])
 
 
 def _stated_sd(term: Term) -> F64:
@@ -312,48 +321,6 @@ def _towards(value: float, sd: float, direction: int, factor: float, unit: str) 
 
 def _amount(value: float, sd: float, factor: float, unit: str) -> str:
     return f"{with_uncertainty(value * factor, sd * factor)} {unit}"
-
-
-def average_line_words(model: Model) -> Iterator[str]:
-    """Sentences about the rotary axes' lines, and where a head holds its spindle."""
-    said_before = False
-    for line in average_lines(model):
-        yield from line.words()
-        said_before = True
-    for term in model.terms:
-        if isinstance(term.effect, SpindleLocation) and term.fitted:
-            yield from held_spindle_words(model.machine, term)
-            said_before = True
-    if said_before:
-        yield said(
-            "entered in the controller, a place is no error any more: take the effect out of the "
-            "model, or it is corrected twice"
-        )
-
-
-def held_spindle_words(machine: Machine, term: Term) -> Iterator[str]:
-    """What to enter where a head holds its spindle elsewhere (`spindle_location`)."""
-    last = [a for a in machine.structure.tool_side if machine.axes[a].rotary][-1]
-    configured = -np.asarray(machine.axis(last).location, dtype=np.float64)
-    entered = []
-    for name, value in term.values.items():
-        k = _LETTERS.index(name[2])
-        if value.measured and (value.sd is None or abs(value.value) > _SURE * value.sd):
-            entered.append(
-                said(
-                    "{axis} {place} instead of {configured} mm",
-                    axis="XYZ"[k], place=f"{configured[k] + value.value:.4f}",
-                    configured=f"{configured[k] + 0.0:.4f}",
-                )
-            )  # fmt: skip
-    if not entered:
-        yield said("the spindle sits in the head where it is configured, as far as was measured")
-        return
-    yield said(
-        "from the line of {axis} to the spindle (pivot length; the head at zero): enter {what}; "
-        "with one tool this is the same as an error of that tool's offset",
-        axis=last, what=joined(entered, ", "),
-    )  # fmt: skip
 
 
 def reversed_parameters(machine: Machine, effect: Effect) -> frozenset[str]:

@@ -18,15 +18,17 @@ from abbe.compcore.model.as_built import (
     average_lines,
     reversed_parameters,
 )
+from abbe.compcore.model.held_spindle import HeldSpindle, where_they_are
 from abbe.compcore.model.model import Model, Value
 
 
 def lines_json(model: Model) -> list[dict[str, Any]]:
     """Where the lines of rotary axes lie and what to enter for them; one entry an axis."""
-    return [_line(line) for line in average_lines(model)]
+    return [line_json(line) for line in average_lines(where_they_are(model))]
 
 
-def _line(line: AverageLine) -> dict[str, Any]:
+def line_json(line: AverageLine) -> dict[str, Any]:
+    """Where one line lies and what to enter for it."""
     across = [("XYZ"[k], k) for k in line.across]
     return {
         "axis": line.axis,
@@ -45,6 +47,24 @@ def _line(line: AverageLine) -> dict[str, Any]:
         "carried_by": line.carrier,
         "offset_from_carrier": {d: float(line.beside_carrier[k]) for d, k in across},
         "text": list(line.words()),
+    }
+
+
+def spindle_json(held: HeldSpindle | None) -> dict[str, Any] | None:
+    """Where a head holds its spindle and what to enter for it; None where nothing was found."""
+    if held is None:
+        return None
+    return {
+        "from_the_line_of": held.axis,
+        "unit": "mm",
+        "configured": {d: float(held.configured[k]) for k, d in enumerate("XYZ")},
+        "enter": {"XYZ"[k]: float(held.place[k]) for k in held.entered},
+        "offset": {d: float(held.offset[k]) for k, d in enumerate("XYZ") if held.measured[k]},
+        "sd": {
+            d: _finite(float(held.offset_sd[k])) for k, d in enumerate("XYZ") if held.measured[k]
+        },
+        "with_tool": [float(v) for v in held.tool],
+        "text": list(held.words()),
     }
 
 

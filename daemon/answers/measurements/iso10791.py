@@ -24,7 +24,7 @@ from abbe.compcore.iso10791.evaluate import (
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.model.as_built import ON_THE_TABLE
 from abbe.compcore.units import in_digits
-from abbe.daemon.answers.as_built import lines_json
+from abbe.daemon.answers.as_built import line_json, spindle_json
 
 WAYS = {0: "", 1: "↑", -1: "↓"}
 """The way in which angles were approached, as a sign behind an error motion's name."""
@@ -76,7 +76,11 @@ def as_json(answer: RotaryAnswer) -> dict[str, Any]:
         "left": evaluation.left * 1e3,
         "unit": "um",
         "axes": [_axis(found) for found in evaluation.axes],
-        "rotary_axes": lines_json(result.model),
+        "rotary_axes": [line_json(found.line) for found in evaluation.axes],
+        "spindle": spindle_json(evaluation.spindle),
+        "only_together": [
+            {"parameters": list(t.names), "text": t.words()} for t in evaluation.together
+        ],
         "undetermined": [u.text for u in result.undetermined if not u.convention],
     }
 
@@ -175,11 +179,13 @@ def as_text(answer: RotaryAnswer) -> Iterator[str]:
             yield "    " + ", ".join(parts)
     if any(found.side == "workpiece" for found in evaluation.axes):
         yield ON_THE_TABLE
-    if heads := [found.axis for found in evaluation.axes if found.side == "tool"]:
-        yield (
-            "PIVOT TAKEN AS RIGHT: a wrong pivot or tool length shows as a wrong place of the line "
-            f"of {' and '.join(heads)}; check both before anything of it is entered"
-        )
+    if evaluation.spindle is not None:
+        yield "the spindle in the head"
+        for words in evaluation.spindle.words():
+            yield f"  {words}"
+    for sums in evaluation.together:
+        if sums.matters:
+            yield f"ONLY TOGETHER: {sums.words()}"
     for u in result.undetermined:
         if not u.convention:
             yield f"NOT DETERMINED: {u.text}"

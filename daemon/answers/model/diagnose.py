@@ -7,8 +7,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from abbe.compcore.campaign.noise import NoiseFloor
-from abbe.compcore.campaign.suspicions import of_signals, of_values
-from abbe.compcore.campaign.turned_axes import of_turned_axes
+from abbe.compcore.campaign.suspicions import of_campaign, of_signals, of_values
 from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.diagnosis.explain import description, explanation, formula
 from abbe.compcore.diagnosis.findings import Established
@@ -85,9 +84,9 @@ def _as_given(diagnosis: Diagnosis, given: Comparison) -> dict[str, Any]:
     suspicions = (
         # a model that was never fitted need not agree
         [
+            *of_campaign(problem.campaign, problem.model.machine),
             *of_values(problem.campaign, given.measured),
             *of_signals(problem.campaign, problem.model.machine, problem.model.measured_signals),
-            *of_turned_axes(problem.campaign, problem.model.machine),
         ]
         if diagnosis.standing is None
         else [*diagnosis.standing.suspicions, *given.suspicions]

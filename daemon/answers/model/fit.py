@@ -14,6 +14,7 @@ from abbe.compcore.fitting.design.begun import begun
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.rigid_body import rigid_body_test
+from abbe.compcore.model.held_spindle import held_spindle, tool_of
 from abbe.compcore.units import display
 from abbe.daemon.answers import as_built
 
@@ -80,6 +81,9 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
         ],
         "run_starts": starts_json(result.problem, result.theta),
         "rotary_axes": as_built.lines_json(result.model),
+        "spindle": as_built.spindle_json(
+            held_spindle(result.model, tool_of(result.problem.campaign))
+        ),
         "bases": _places(result),
         "undetermined": [
             {"text": u.text, "effects": list(u.effects), "convention": u.convention}

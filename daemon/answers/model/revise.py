@@ -22,8 +22,10 @@ from abbe.compcore.files.model_toml.campaign_record import campaign_records, noi
 from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.fitting.cautious import cautiously
 from abbe.compcore.fitting.fit import FitResult, fit
-from abbe.compcore.model.as_built import average_line_words, reversed_parameters
+from abbe.compcore.model.as_built import reversed_parameters
+from abbe.compcore.model.held_spindle import held_spindle, tool_of
 from abbe.compcore.model.model import Model, Value
+from abbe.compcore.model.to_enter import average_line_words
 from abbe.compcore.sentences import said
 from abbe.compcore.units import in_digits, read_in, with_uncertainty
 from abbe.daemon.answers import as_built
@@ -206,6 +208,8 @@ def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
         values = next((t.values for t in model.terms if t.effect == effect), {})
         out["on_the_table"] = as_built.seen_json(model.machine, effect, values)
         out["rotary_axes"] = as_built.lines_json(model)
+        tool = tool_of(revision.after.problem.campaign)
+        out["spindle"] = as_built.spindle_json(held_spindle(model, tool))
     return out
 
 
@@ -226,7 +230,8 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
                 )
             yield text
         if isinstance(effect, RotaryLocation | SpindleLocation):
-            yield from average_line_words(revision.after.model)
+            tool = tool_of(revision.after.problem.campaign)
+            yield from average_line_words(revision.after.model, tool)
     was, became, floor, rotations = _errors(revision)
     unit, factor = ("µrad", 1e6) if rotations else ("µm", 1e3)
     at_best = (

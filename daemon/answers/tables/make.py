@@ -16,8 +16,8 @@ from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.table_set import TableSet, read_text, sha256
 from abbe.compcore.linalg import threads_for
-from abbe.compcore.model.as_built import average_line_words
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.to_enter import average_line_words
 from abbe.compcore.model.uncertainty import (
     COVERAGE,
     PredictionUncertainty,

@@ -29,8 +29,12 @@ def page(answer: RotaryAnswer, head: PageHead) -> Page:
     )
     open_ = [u.text for u in evaluation.result.undetermined if not u.convention]
     made.notes([f"not determined: {text}" for text in open_], warning=True)
+    made.notes([t.words() for t in evaluation.together if t.matters], warning=True)
     for found in evaluation.axes:
         _axis(made, found)
+    if evaluation.spindle is not None:
+        made.section("The spindle in the head")
+        made.notes(list(evaluation.spindle.words()))
     return made
 
 

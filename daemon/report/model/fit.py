@@ -11,9 +11,11 @@ from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.motions import plane_of
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.rigid_body import rigid_body_test
-from abbe.compcore.model.as_built import ON_THE_TABLE, average_line_words, reversed_parameters
+from abbe.compcore.model.as_built import ON_THE_TABLE, reversed_parameters
 from abbe.compcore.model.error_map import error_map
+from abbe.compcore.model.held_spindle import tool_of
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.to_enter import average_line_words
 from abbe.compcore.units import read_in
 from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.model.compare import draw_residuals
@@ -47,7 +49,7 @@ def fit_page(result: FitResult, model: Model, noise: NoiseFloor, head: PageHead)
     page.section("Parameters")
     page.text("Effects of one or two parameters; coefficients of shapes stand at the end.")
     _parameters(page, result, few=True)
-    page.notes(list(average_line_words(result.model)))
+    page.notes(list(average_line_words(result.model, tool_of(result.problem.campaign))))
     page.section("What this campaign does not determine")
     page.notes([u.text for u in result.undetermined if not u.convention], warning=True)
     page.notes([u.text for u in result.undetermined if u.convention])

@@ -13,6 +13,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from abbe.compcore.effects import RotaryLocation, SpindleLocation
+from abbe.compcore.files.importers.rotary.rtest import import_rtest
+from abbe.compcore.files.model_file import load_model
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.model.held_spindle import held_spindle, tool_of
+from abbe.compcore.model.model import Model
+from abbe.daemon.answers.as_built import lines_json, spindle_json
 from tests.support.compcore.true_lines import Line, moved, moves_to, pose, shift, turn
 from tests.support.daemon.command_line import abbe
 
@@ -34,18 +41,31 @@ class RotaryScene:
     travels: dict[str, tuple[float, float]]
     tool: tuple[float, float, float] = (0.0, 0.0, -120.0)
     drawn: dict[str, Line] = field(default_factory=dict)
+    held: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    vector: tuple[str, np.ndarray] | None = None
+    steps: int = 9
 
     def pose(self, lines, q):
-        """Workpiece → tool, 4×4; the tool sits in the head as drawn, wherever its line lies."""
+        """Workpiece → tool, 4×4; the spindle sits in the head as drawn, or `held` beside it.
+
+        A controller that has lines and, from the last, a vector to the spindle, turns just these.
+        """
+        if self.vector is not None and lines is self.believed:
+            axis, vector = self.vector
+            return pose(self.order, lines, q) @ shift(lines[axis].point + vector + self.tool)
         drawn = self.drawn or self.believed
         head = next((a for a in self.order[::-1] if a in "ABC"), None)
         if head is None or head in self.on_table:
             return pose(self.order, lines, q, self.tool)
-        return pose(self.order, lines, q) @ moved(drawn[head], lines[head]) @ shift(self.tool)
+        return (
+            pose(self.order, lines, q)
+            @ moved(drawn[head], lines[head])
+            @ shift(np.array(self.tool) + (self.held if lines is self.true else 0.0))
+        )
 
     def poses(self):
         """(sphere, positions): the controller goes where it believes that the sphere is."""
-        grids = [np.linspace(*np.deg2rad(self.travels[a]), 9) for a in self.believed]
+        grids = [np.linspace(*np.deg2rad(self.travels[a]), self.steps) for a in self.believed]
         for i, sphere in enumerate(SPHERES):
             for values in np.array(np.meshgrid(*grids)).reshape(len(grids), -1).T:
                 angles = dict(zip(self.believed, values.tolist(), strict=True))
@@ -153,10 +173,11 @@ def test_what_is_said_and_entered_takes_the_error_away(tmp_path, name):
         found = evaluated(scene, tmp_path, noise=0.05)
     else:
         found = evaluated(scene, tmp_path, "--placed", noise=0.05, off=0.0 * OFF)
-    before, after = left(scene), left(entered(scene, found))
+    enter = entered if found["spindle"] is None else pivot_entered
+    before, after = left(scene), left(enter(scene, found))
     assert before > 4.0
     assert after < 0.06, "entered as said, the lines are where they are"
-    assert left(entered(scene, found, -1.0)) == pytest.approx(2.0 * before, rel=0.02)
+    assert left(enter(scene, found, -1.0)) == pytest.approx(2.0 * before, rel=0.02)
 
 
 ALONE = {"E_X0C": -10.0, "E_Y0C": 4.0, "E_A0C": 20.0, "E_B0C": -30.0}
@@ -192,23 +213,78 @@ def test_place_and_lean_with_their_signs(tmp_path, scene, nest, there):
     assert found["left"] < 0.02
 
 
-def test_a_head_needs_a_sphere_whose_place_is_known(tmp_path):
-    scene = SCENES["head-head"]
+FORK = (0.0, 0.0, 250.0)
+PIVOTS = {
+    "head-head": replace(SCENES["head-head"], held=(0.012, -0.008, -0.035), steps=6),
+    "fork A": RotaryScene(
+        "w b X Y Z C A t", "XYZCA", "", {"C": Line(FORK, Z), "A": Line(FORK, X)},
+        {"C": leaning(FORK, Z, (0.006, -0.011, 0.0), (-15e-6, 25e-6, 0.0)),
+         "A": leaning(FORK, X, (0.0, 0.014, 0.004), (0.0, 22e-6, -31e-6))},
+        {"C": (-160.0, 160.0), "A": (-90.0, 90.0)}, held=(-0.009, 0.013, 0.035), steps=6,
+    ),
+    "mixed": replace(SCENES["mixed"], held=(0.012, 0.0, -0.035), steps=6),
+}  # fmt: skip
+PIVOTS["one axis"] = replace(
+    PIVOTS["mixed"], structure="w b X Y Z B t", order="XYZB", on_table="",
+    believed={"B": Line(B0, Y)}, true={"B": B_TRUE},
+)  # fmt: skip
+
+
+def pivot_entered(scene, found, factor=1.0):
+    """The controller with lines, directions and the vector to the spindle as said, all at zero."""
+    lines = entered(scene, found, factor).believed
+    axis = found["spindle"]["from_the_line_of"]
+    vector = -np.array(scene.believed[axis].point)
+    for letter, value in found["spindle"]["enter"].items():
+        k = "XYZ".index(letter)
+        vector[k] += factor * (value - vector[k])
+    return replace(scene, believed=lines, drawn=scene.believed, vector=(axis, vector))
+
+
+@pytest.mark.parametrize("placed", [False, True], ids=["anyhow", "placed"])
+@pytest.mark.parametrize("name", PIVOTS)
+def test_a_wrong_pivot_and_lines_are_said_beside_each_other(tmp_path, name, placed):
+    """A pivot 35 µm wrong was a line 20 µm off; entered together, all is right."""
+    scene = PIVOTS[name]
+    how = {"noise": 0.05, "off": 0.0 * OFF if placed else OFF}
+    found = evaluated(scene, tmp_path, *["--placed"] * placed, **how)
+    before, after = left(scene), left(pivot_entered(scene, found))
+    assert before > 15.0
+    assert after < 0.1, "entered as said, the tool stays at the sphere"
+    assert left(pivot_entered(scene, found, -1.0)) == pytest.approx(2.0 * before, rel=0.02)
+    assert left(entered(scene, found)) > 10.0, "the lines alone are not enough"
+    if placed:
+        for line in found["rotary_axes"]:
+            for letter, value in line["enter"].items():
+                at = scene.true[line["axis"]].point["XYZ".index(letter)]
+                assert value == pytest.approx(at, abs=2e-4) or scene.on_table
+
+
+@pytest.mark.parametrize("name", ["mixed", "head-head"])
+def test_what_a_fit_says_of_lines_and_pivot_may_both_be_entered(tmp_path, name):
+    """The table's line is said as the spindle sees it that is entered with it."""
+    scene = PIVOTS[name]
+    machine = load_model(model_file(scene, tmp_path)).machine
+    campaign = import_rtest(readings_file(scene, tmp_path, noise=0.05), machine)
+    effects = [*(RotaryLocation(axis=a) for a in scene.believed), SpindleLocation()]
+    found = fit(Model(machine).with_effects(*effects), campaign)
+    spindle = held_spindle(found.model, tool_of(campaign))
+    said = {"rotary_axes": lines_json(found.model), "spindle": spindle_json(spindle)}
+    assert left(scene) > 15.0
+    assert left(pivot_entered(scene, said)) < 0.1
+
+
+def test_what_a_head_shows_only_together_is_said(tmp_path):
+    """A turn of B at zero moves the tip as a spindle beside it does, with tools of one length."""
+    scene = replace(SCENES["head-head"], steps=4)
     files = (model_file(scene, tmp_path), readings_file(scene, tmp_path))
-    refused = abbe("iso10791", *files)
-    assert (refused.status, len(refused.err.splitlines())) == (1, 1)
-    assert "--placed" in refused.err
-    found = evaluated(scene, tmp_path, "--placed", off=0.0 * OFF)
-    for line in found["rotary_axes"]:
-        truth = scene.true[line["axis"]]
-        assert line["side"] == "tool"
-        for letter, value in line["enter"].items():
-            assert value == pytest.approx(truth.point["XYZ".index(letter)], abs=1e-4)
-    assert all(v["on_the_table"] is None for a in found["axes"] for v in a["location"].values())
-    # a pivot that is 35 µm too long would be read as a line that lies 20 µm off
-    said = abbe("iso10791", *files, "--placed").out
-    assert "PIVOT TAKEN AS RIGHT: " in said
-    assert "line of C and B" in said or "line of B and C" in said or "line of A and C" in said
+    said = abbe("iso10791", *files).out
+    (together,) = [line for line in said.splitlines() if line.startswith("ONLY TOGETHER")]
+    assert "E_B0B, " in together
+    assert "E_X0S" in together
+    assert "E_B0B is taken as 0" in together
+    assert "100 mm longer" in together
+    assert "PIVOT TAKEN AS RIGHT" not in said
 
 
 def test_in_words_and_on_a_page(tmp_path):
