@@ -139,7 +139,7 @@ class _Way:
                 high = first | {back: height}
                 if not self._at:
                     self._at = dict(high)
-                yield self._move(setup, high)
+                yield from self._across(setup, high, back)
                 yield ProgramStep("stop", f"set up the instrument: {setup.what}")
                 yield self._move(setup, first, TURN)
             else:
@@ -156,6 +156,41 @@ class _Way:
             )  # fmt: skip
             before = sense
         yield self._move(setup, {back: height})
+
+    def _across(
+        self, setup: PlannedSetup, to: Mapping[str, float], back: str
+    ) -> tuple[ProgramStep, ...]:
+        """The way to the next set-up with the tool drawn back: straight, or around what stands.
+
+        One axis after the other, or along an edge of the travels; raises as `_move` where none of
+        these is free.
+        """
+        start = dict(self._at)
+        first: InputError | None = None
+        for way in self._ways(to, back):
+            try:
+                return tuple(self._move(setup, leg) for leg in way)
+            except InputError as error:
+                self._at, first = dict(start), first or error
+        raise first or AssertionError
+
+    def _ways(self, to: Mapping[str, float], back: str) -> Iterator[list[Mapping[str, float]]]:
+        """Ways to a place, the shortest first; legs as axis → position."""
+        yield [to]
+        level = [a for a in to if a != back and not is_rotary(a)]
+        for axis in level:
+            yield [{axis: to[axis]}, to]
+        for axis in level:
+            low, high = self._edges(axis)
+            near_low = abs(low - to[axis]) <= abs(high - to[axis])
+            others = {a: to[a] for a in level if a != axis}
+            for edge in (low, high) if near_low else (high, low):
+                yield [{axis: edge}, others, to]
+
+    def _edges(self, axis: str) -> tuple[float, float]:
+        low, high = self._machine.axes[axis].travel
+        inside = min(1.0, 0.01 * (high - low))
+        return low + inside, high - inside
 
     def _wrong(self, axis: str, target: float, sense: float, before: float) -> bool:
         """Whether an axis would come to a target from the other side, or has not come to it."""
