@@ -179,7 +179,7 @@ def _level(
         return NoiseLevel(name, reason=late, at_most=bound)
     stated = bool(np.isfinite(campaign.sd[rows]).all())
     unit = campaign.sd if stated else np.ones(campaign.n)
-    scaled = np.where(rows, campaign.value / np.where(rows, unit, 1.0), 0.0)
+    scaled = np.where(rows, _within_groups(campaign.value, groups) / np.where(rows, unit, 1.0), 0.0)
     residual = near.of(scaled)
     sound = _sound(residual)
     set_aside = tuple(sorted(set(campaign.line[near.middle[~sound]].tolist())))
@@ -224,6 +224,20 @@ def _level(
         setups=_by_setup(campaign, near, residual, unit),
         reason=reason,
     )
+
+
+def _within_groups(value: F64, groups: I64) -> F64:
+    """What each reading differs from the mean of its repeats by; of those without repeats 0.
+
+    Their uncertainties are not the same to the last digit, and a distance of 800 mm over 0.69 µm is
+    far from one over 0.71 µm: only what repeats differ by may be scaled.
+    """
+    own = groups >= 0
+    if not own.any():
+        return np.zeros_like(value)
+    count = np.bincount(groups[own])
+    mean = np.bincount(groups[own], value[own]) / np.maximum(count, 1)
+    return np.where(own, value - mean[np.where(own, groups, 0)], 0.0)
 
 
 def _sound(residual: F64) -> NDArray[np.bool_]:

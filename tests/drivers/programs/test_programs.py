@@ -268,7 +268,8 @@ def test_what_lies_outside_the_travels_is_refused():
 def test_a_way_between_set_ups_through_a_box_is_refused():
     """Both set-ups are free; the way at the height of drawing back is not."""
     aim, _ = chosen("bridge")
-    box = KeepOut((300.0, 400.0, -140.0), (400.0, 500.0, -80.0))
+    # a wall from side to side: what can be gone around is (test_ways_between.py)
+    box = KeepOut((-500.0, 400.0, -140.0), (5000.0, 500.0, -80.0))
     space = WorkingSpace((box,))
     lines = [s for s in possible(replace(aim, space=space), instruments_called(["laser"]))
              if s.axis == "Z"]  # fmt: skip
