@@ -78,6 +78,7 @@ SHOP_WORDS: Mapping[str, str] = {
 }
 """Kind of an effect → what it does; `size` is the largest error of it that is seen."""
 _TILT_BETWEEN = "{axis} leans about {about} when {signals} differ, {size} at the tool"
+_UNDER = "{axis} gives way under what {by} carries: {size}"
 _ASKEW = "The line of {axis} leans, or its zero is off: {size}"
 
 _TWO_SIDES = ("backlash", "reversal_angle", "lateral_reversal")
@@ -115,6 +116,8 @@ def in_the_shop(
         template = _ASKEW
     if effect.kind == "thermal_tilt" and len(where.get("signals") or ()) == 2:
         template = _TILT_BETWEEN
+    if effect.kind == "gravity_flexure" and "by" in where:
+        template = _UNDER
     first, second = [*(where.get("axes") or ()), "", ""][:2]
     known = {
         **{key: str(value) for key, value in where.items()},
@@ -136,4 +139,4 @@ def kinds_said() -> frozenset[str]:
 
 def templates() -> frozenset[str]:
     """Everything that `in_the_shop` may say."""
-    return frozenset([*SHOP_WORDS.values(), _TILT_BETWEEN, _ASKEW, "{what}"])
+    return frozenset([*SHOP_WORDS.values(), _TILT_BETWEEN, _UNDER, _ASKEW, "{what}"])

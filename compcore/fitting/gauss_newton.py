@@ -47,13 +47,18 @@ def gauss_newton(
         decomposition = Decomposition(reduced[:m, :m], scale, problem.n)
         left = float(np.linalg.norm(reduced[m:, m])) / np.sqrt(max(problem.n - m, 1))
         decomposition.follow(reduced[:m, m], (theta - origin)[free], left)
-        if cost - before <= _CONVERGED * max(before, 1e-3 * problem.n):
+        hardly = _CONVERGED * max(before, 1e-3 * problem.n)
+        if cost - before <= hardly:
             break
         cost = before
         step = np.zeros_like(theta)
         step[free] = decomposition.solve(reduced[:m, m])
         if direct:
             theta = theta + step
+            break
+        ahead = reduced[:, m] - reduced[:, :m] @ step[free]
+        if before - 0.5 * float(ahead @ ahead) <= hardly:
+            # as low as the tangent leads: a search would only find rounding
             break
         theta = _line_search(problem, theta, step, before)
     calm = theta.copy()

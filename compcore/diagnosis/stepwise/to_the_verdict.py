@@ -25,6 +25,7 @@ from abbe.compcore.diagnosis.stepwise.warmth import (
 )
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.catalogue.gravity import GravityFlexure
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 
@@ -88,6 +89,7 @@ def _followed(growing: GrowingModel) -> Course:
             detail(growing, diagnosis)
             or sharpen(growing, diagnosis)
             or _complete_motions(growing, diagnosis)
+            or _complete_joints(growing, diagnosis)
             or growing.prune()
             or regress(growing, diagnosis)
             or describe(growing, diagnosis)
@@ -129,6 +131,25 @@ def _complete_motions(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
         effect = found.candidate.effect
         rest = effect.kind in RIGID and getattr(effect, "axis", None) in known
         if rest and found.evidence.value > 0.0 and growing.add(effect, falls=1.0 - WORTH):
+            return True
+    return False
+
+
+def _complete_joints(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
+    """Add where the other joints of a chain lie, and how those that sag weigh on each other.
+
+    Every joint of an arm or a head lies a little elsewhere than it was drawn. Where that of one
+    is established, those of the others are worth little one by one, each less than a cause
+    has to be worth, and together they may be worth one.
+    """
+    if not any(e.kind == "rotary_location" for e in growing.added):
+        return False
+    ranked = [f.candidate.effect for f in diagnosis.ranked]
+    places = [e for e in ranked if e.kind in ("rotary_location", "spindle_location")]
+    hanging = {e.axis for e in growing.added if isinstance(e, GravityFlexure)}
+    weights = [e for e in ranked if isinstance(e, GravityFlexure) and {e.axis, e.by} <= hanging]
+    for effects in ((*places, *weights), tuple(places)) if weights else (tuple(places),):
+        if len(effects) > 1 and growing.add_together(effects, 1.0 - WORTH):
             return True
     return False
 

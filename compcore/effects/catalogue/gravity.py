@@ -47,13 +47,16 @@ class GravityFlexure(Effect):
         The part turns towards the ground by ``sag·sin z``, z the angle between the part and the
         vertical: a turn ``sag·(s × g)`` on the axis's own line, s the part's direction as the axis
         holds it, g gravity. The part points along ``along`` (X, Y or Z) where the axis stands at 0:
-        by default as the spindle does, or Z, and across the axis. Gravity points along −Z of the
-        machine's axes; with ``gravity = fit`` for a machine that stands tilted (an equatorial
-        mount) ``s × G``, with G its three components times the sag.
+        by default as the spindle does, or Z, and across the axis. With ``by`` it is the part that
+        a joint further out carries, whose weight twists this axis's bearings and gear: the forearm
+        (``by=B3``) turns the shoulder (``axis=B2``) of a robot, s held by that joint. Gravity
+        points along −Z of the machine's axes; with ``gravity = fit`` for a machine that stands
+        tilted (an equatorial mount) ``s × G``, with G its three components times the sag.
     Parameters
     ----------
         sag in rad, positive towards the ground, or gx, gy, gz: within ±1 mrad. A swivel head of
-        200 kg shows 10 to 50 µrad, the tube of an amateur's telescope several mrad.
+        200 kg shows 10 to 50 µrad, a robot's joint 0.2 to 1 mrad, the tube of an amateur's
+        telescope several.
     Signals
         None beyond the axes' angles.
     Typical causes
@@ -63,11 +66,13 @@ class GravityFlexure(Effect):
         A counterweight, a clamp, a stiffer bracket; a table of the axis over its angle.
     Source
         Wallace, TPOINT (tube flexure, ``TF``: proportional to the sine of the zenith distance);
-        ISO/TR 16907:2015, 7.4.2.
+        ISO/TR 16907:2015, 7.4.2. Joints that give under the weight of all links beyond: Khalil and
+        Dombre, Modeling, Identification and Control of Robots, 11.6.
     """
 
     kind = "gravity_flexure"
     axis: str
+    by: str | None = None
     along: AxisLetter | None = None
     gravity: Gravity = None
 
@@ -75,7 +80,14 @@ class GravityFlexure(Effect):
         """A rotary axis, and a part that it turns."""
         super().check(machine)
         require_rotary(machine, self.axis, self.kind)
-        axis = machine.axis(self.axis)
+        if self.by is not None and self.by not in _beyond(machine, self.axis):
+            raise InputError(
+                "a joint that the axis carries weighs on it",
+                field="by",
+                found=self.by,
+                expected=f"a rotary axis that {self.axis} carries",
+            )
+        axis = machine.axis(self._bearer)
         if np.linalg.norm(np.cross(axis.direction, self._part(machine))) < 1e-6:
             raise InputError(
                 "a part along the axis itself is not tilted by it",
@@ -84,9 +96,14 @@ class GravityFlexure(Effect):
                 expected="a direction across the axis",
             )
 
+    @property
+    def _bearer(self) -> str:
+        """The axis that holds the part."""
+        return self.axis if self.by is None else self.by
+
     def _part(self, machine: Machine) -> F64:
-        """Where the part points while the axis stands at 0, (3,)."""
-        axis = machine.axis(self.axis)
+        """Where the part points while the axis that holds it stands at 0, (3,)."""
+        axis = machine.axis(self._bearer)
         if self.along is not None:
             return np.asarray(np.eye(3)["XYZ".index(self.along)])
         upright = np.eye(3)["XYZ".index(spindle_direction(machine))]
@@ -101,19 +118,22 @@ class GravityFlexure(Effect):
             return tuple(
                 Parameter(f"g{k}", "rad", (-1e-3, 1e-3), f"sag towards {k.upper()}") for k in "xyz"
             )
-        text = f"sag of what {self.axis} carries, towards the ground"
+        text = f"sag of what {self._bearer} carries, towards the ground"
+        if self.by is not None:
+            text = f"sag of {self.axis} under what {self.by} carries, towards the ground"
         return (Parameter("sag", "rad", (-1e-3, 1e-3), text),)
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
     ) -> tuple[Motion, ...]:
         """``s × g`` on the axis's three turns; the other way round on the workpiece's side."""
-        axis = machine.axis(self.axis)
-        part = self._held(axis, machine, conditions)
         chain = Chain(machine, conditions)
         turns: tuple[Component, ...] = ROTATIONS
         # the directions of the axis's frame in machine axes, one row each
         frame = np.stack([chain.component(ErrorMotion(self.axis, k)) for k in turns], axis=1)
+        part = self._held(machine.axis(self._bearer), machine, conditions)
+        if self.by is not None:
+            part = np.einsum("nij,nj->ni", frame, chain.in_machine_axes(self.by, part))
         # s × G = cross · (frame · G)
         x, y, z = part.T
         none = np.zeros(len(x))
@@ -128,8 +148,8 @@ class GravityFlexure(Effect):
         )
 
     def _held(self, axis: Axis, machine: Machine, conditions: Conditions) -> F64:
-        """Where the part points in the axis's frame, that of its stator, (n, 3)."""
-        turn = rotation_about(np.asarray(axis.direction), conditions.position(self.axis))
+        """Where the part points in the frame of the axis that holds it, its stator's, (n, 3)."""
+        turn = rotation_about(np.asarray(axis.direction), conditions.position(axis.name))
         if self.axis in machine.structure.workpiece_side:
             turn = np.swapaxes(turn, 1, 2)
         return np.asarray(turn @ self._part(machine))
@@ -140,8 +160,30 @@ class GravityFlexure(Effect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[GravityFlexure]:
-        """Each rotary axis that moved: upright, then in a machine that stands in any way."""
-        for gravity in (None, "fit"):
-            for axis in machine.structure.rotary:
-                if axis in coverage.moving:
-                    yield cls(axis=axis, gravity=gravity)
+        """Each rotary axis that moved: upright, then in a machine that stands in any way.
+
+        Between them the arms: joints that are parallel, of which the outer weighs on the inner.
+        """
+        moving = [a for a in machine.structure.rotary if a in coverage.moving]
+        for axis in moving:
+            yield cls(axis=axis)
+        for axis in moving:
+            for by in _beyond(machine, axis):
+                if by in moving and _parallel(machine, axis, by):
+                    yield cls(axis=axis, by=by)
+        for axis in moving:
+            yield cls(axis=axis, gravity="fit")
+
+
+def _beyond(machine: Machine, axis: str) -> tuple[str, ...]:
+    """The rotary axes that an axis carries, the nearest first."""
+    structure = machine.structure
+    away = structure.tool_side
+    if axis in structure.workpiece_side:
+        away = structure.workpiece_side[::-1]
+    return tuple(a for a in away[away.index(axis) + 1 :] if machine.axis(a).rotary)
+
+
+def _parallel(machine: Machine, one: str, other: str) -> bool:
+    first, second = (np.asarray(machine.axis(a).direction) for a in (one, other))
+    return bool(np.linalg.norm(np.cross(first, second)) < 1e-3)

@@ -170,7 +170,8 @@ def test_slopes_jump_at_the_kinks_only(row):
             at = fixed.rows(np.zeros(count, dtype=np.int64)).moved({name: x - w.q[name][5]})
             largest = 0.0
             for motion in effect.motions(row.machine, at, row.nonlinear):
-                size = np.abs(motion.columns).max(axis=0) + 1e-300
+                size = np.abs(motion.columns).max(axis=0)
+                size[size < 1e-14] = np.inf  # rounding
                 second = np.abs(np.diff(motion.columns / size, 2, axis=0)).max(axis=1)
                 near = np.zeros(count - 2, dtype=bool)
                 for kink in kinks.get(name, ()):

@@ -217,6 +217,20 @@ def _hanging(w: World, pull: np.ndarray) -> dict[str, np.ndarray]:
     return {f"E_{k}C": turns[:, i] for i, k in enumerate("ABC")}
 
 
+def _weighing(w: World, joints: tuple[str, str], pull: np.ndarray) -> dict[str, np.ndarray]:
+    """The inner joint under the spindle of a fork head, or under an arm along X on a table."""
+    inner, outer = (w.q[j] for j in joints)
+    if joints == ("C", "B"):
+        way = 1.0
+        part = [np.cos(inner) * np.sin(outer), np.sin(inner) * np.sin(outer), np.cos(outer)]
+    else:
+        # A' and C' turn the other way round
+        way = -1.0
+        part = [np.cos(outer), -np.cos(inner) * np.sin(outer), np.sin(inner) * np.sin(outer)]
+    turns = way * np.cross(np.stack(part, axis=1), pull)
+    return {f"E_{k}{joints[0]}": turns[:, i] for i, k in enumerate("ABC")}
+
+
 def _scaled(w: World, part: float) -> np.ndarray:
     """A plate that is too large by a part, about the middle of its points."""
     rows = w.setup == "plate"
@@ -484,6 +498,22 @@ ROWS: tuple[Row, ...] = (
         lambda w: _hanging(w, np.array([2e-5, -1e-5, 3e-5])),
         machine=FIVE_AXIS,
         spec="gravity_flexure of a machine that stands in any way",
+    ),
+    Row(
+        "gravity_flexure",
+        {"axis": "A", "by": "C", "gravity": "fit"},
+        {"gx": 2e-5, "gy": -1e-5, "gz": 3e-5},
+        lambda w: _weighing(w, ("A", "C"), np.array([2e-5, -1e-5, 3e-5])),
+        machine=FIVE_AXIS,
+        spec="gravity_flexure of a table's joint under what another carries",
+    ),
+    Row(
+        "gravity_flexure",
+        {"axis": "C", "by": "B", "gravity": "fit"},
+        {"gx": 2e-5, "gy": -1e-5, "gz": 3e-5},
+        lambda w: _weighing(w, ("C", "B"), np.array([2e-5, -1e-5, 3e-5])),
+        machine=HEAD,
+        spec="gravity_flexure of a head's joint under what another carries",
     ),
     Row(
         "load_bending",

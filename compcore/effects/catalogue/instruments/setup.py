@@ -337,7 +337,12 @@ class SetupScale(SetupEffect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[SetupScale]:
-        """Set-ups that saw displacements in two directions or more, or along their own path."""
+        """Set-ups that saw displacements in two directions or more, or along their own path.
+
+        Not the only one of an arm, of which all lengths together may as well be its own.
+        """
+        if len(coverage.setup_details) == 1 and not machine.structure.linear:
+            return
         for name, seen in coverage.setup_details.items():
             line = seen.along > max(_LENGTH, seen.across) and "slope" not in seen.free
             if seen.kinds == {"displacement"} and seen.rows > 3 and (seen.spread > 1 or line):
