@@ -6,7 +6,7 @@ import functools
 import gzip
 import hashlib
 import json
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from importlib.resources import files
 from importlib.resources.abc import Traversable
 
@@ -25,28 +25,51 @@ _KINDS = {
 }
 _WORDS = "words/"
 """Room of the languages, a file each."""
+_LATER = ("plotly.min.js", "report/report.js", "uplot/uplot.min.js")
+"""Scripts that the workbench's page asks for when they are needed, or never."""
+_KEPT = "private, max-age=31536000, immutable"
+"""Of a file whose address changes with it."""
 _LEVEL = 6
 """Of compression."""
 
 
 def page_files() -> APIRouter:
-    """Routes of every file in ``static`` and its rooms, of Plotly's script, and the languages."""
+    """Routes of every file in ``static`` and its rooms, of Plotly's script, and the languages.
+
+    Pages stand at their names. All that they bring along stands below a word that is made of all of
+    it, so that a browser keeps it and asks for nothing twice; another Abbe has another word.
+    """
+    found = dict(_below(files("abbe.daemon.workbench").joinpath("static"), ""))
+    contents = {name: file.read_bytes() for name, file in found.items()}
+    languages = {"en": "English"} | {
+        name.removeprefix(_WORDS).removesuffix(".json"): json.loads(content)["_language"]
+        for name, content in contents.items()
+        if name.startswith(_WORDS)
+    }
+    contents[f"{_WORDS}languages.json"] = json.dumps(languages, ensure_ascii=False).encode()
+    contents["plotly.min.js"] = plotly_script()
+    pages = {name: content for name, content in contents.items() if name.endswith(".html")}
+    digest = hashlib.sha256()
+    for name, content in contents.items():
+        digest.update(name.encode() + b"\0" + hashlib.sha256(content).digest())
+    word = f"/files-{digest.hexdigest()[:16]}"
     router = APIRouter(include_in_schema=False)
-    languages = {"en": "English"}
-    for name, file in _below(files("abbe.daemon.workbench").joinpath("static"), ""):
-        content = file.read_bytes()
-        if name.startswith(_WORDS):
-            languages[file.name.removesuffix(".json")] = json.loads(content)["_language"]
-        path = "/" if name == "index.html" else f"/{name}"
-        router.add_api_route(path, _served(content, _KINDS[name.rpartition(".")[2]]))
-
-    @router.get("/api/languages")
-    def known_languages() -> dict[str, str]:
-        """Code of each language → its own name; each but English is a file of words."""
-        return languages
-
-    router.add_api_route("/plotly.min.js", _served(plotly_script(), _KINDS["js"]))
+    for name, content in contents.items():
+        kind = _KINDS[name.rpartition(".")[2]]
+        if name in pages:
+            path = "/" if name == "index.html" else f"/{name}"
+            parts = [p for p in contents if p.endswith(".js") and p not in _LATER]
+            whole = _page(content, word, parts if name == "index.html" else ())
+            router.add_api_route(path, _served(whole, kind, "no-cache"))
+        else:
+            router.add_api_route(f"{word}/{name}", _served(content, kind, _KEPT))
     return router
+
+
+def _page(content: bytes, word: str, parts: Sequence[str]) -> bytes:
+    """A page whose files lie below a word, and which asks for parts of its script all at once."""
+    asked = "\n".join(f'<link rel="modulepreload" href="{word}/{part}">' for part in parts)
+    return content.replace(b"{files}", word.encode()).replace(b"{parts}", asked.encode())
 
 
 def _below(folder: Traversable, name: str) -> Iterator[tuple[str, Traversable]]:
@@ -58,14 +81,13 @@ def _below(folder: Traversable, name: str) -> Iterator[tuple[str, Traversable]]:
             yield f"{name}{part.name}", part
 
 
-def _served(content: bytes, kind: str) -> Callable[[Request], Response]:
+def _served(content: bytes, kind: str, keep: str) -> Callable[[Request], Response]:
     """A file, compressed where the browser takes that, and not sent again where it has it.
 
-    The browser asks each time whether it has the newest (``no-cache``): files of two versions of
-    Abbe never meet in one page.
+    `keep` says how long the browser may take it for the newest without asking.
     """
     tag = hashlib.sha256(content).hexdigest()[:32]
-    headers = {"cache-control": "no-cache", "content-type": kind, "vary": "accept-encoding"}
+    headers = {"cache-control": keep, "content-type": kind, "vary": "accept-encoding"}
     # made once, when somebody asks: it takes a third of a second for the largest
     packed = functools.cache(functools.partial(gzip.compress, content, _LEVEL, mtime=0))
 

@@ -162,4 +162,10 @@ def test_little_travels(browser: Browser, tmp_path: Path) -> None:
         page.wait_for_selector("h1.bad")
         again = page.evaluate(weigh)
         assert 0 < again < 300_000
+        # of files nothing is asked for again, and Plotly not until a picture needs it
+        files = """() => performance.getEntriesByType("resource")
+          .map((e) => [e.name, e.transferSize]).filter(([name]) => name.includes("/files-"))"""
+        asked = page.evaluate(files)
+        assert len(asked) > 20
+        assert [name for name, size in asked if size or "plotly" in name] == []
         assert_quiet(seen, bench)

@@ -23,7 +23,10 @@ const QUICK = 250, CALM = 1500; // ms between two looks at the server
 const $ = (id) => document.getElementById(id);
 const view = $("view");
 let tab = null, own = null, seen = null, state = null, ended = false, mine = false, drawing = 0;
-let away = false, about = "";
+let away = false, about = "", heading = null;
+// asked for before anything else is known
+let headAsked = get("/api/head");
+headAsked.catch(() => {});
 // what was not answered, and what was said when the server came back: until the person does something else
 let unsure = "", told = "";
 
@@ -58,7 +61,7 @@ async function refresh() {
     view.dataset.tab = tab;
     return;
   }
-  const found = state.empty && tab !== "watch" ? null : await get(`/api/${tab}`);
+  const [found] = await Promise.all([state.empty && tab !== "watch" ? null : get(`/api/${tab}`), heading]);
   if (turn !== drawing) return;
   let parts;
   if (state.empty && found === null) {
@@ -158,9 +161,10 @@ async function look() {
     trouble(t("The model is {version} now: it was changed in another window.", {version: now.version}));
   else if (over || before?.error) trouble("");
   if (!now.task) mine = false;
-  await header();
-  if (again) back(anew);
-  await refresh();
+  // what the view shows is asked for meanwhile
+  heading = header();
+  if (again) { await heading; back(anew); }
+  await Promise.all([heading, refresh()]);
 }
 
 /** What there is to say when the server is back. */
@@ -190,7 +194,8 @@ function begin() {
 }
 
 async function header() {
-  const head = await get("/api/head");
+  const head = await (headAsked ?? get("/api/head"));
+  headAsked = null;
   about = JSON.stringify([state.version, head.files]);
   document.title = `${head.machine} – Abbe`;
   $("machine").textContent = head.machine;

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import signal
 import socket
 from collections.abc import Iterator
@@ -11,9 +12,11 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
+from fastapi.routing import APIRoute
 from starlette.responses import PlainTextResponse
 
 from abbe.daemon.workbench.entrance.door import WorkbenchDoor
+from abbe.daemon.workbench.page_files import page_files
 from tests.support.daemon.some_setups import some_setups
 from tests.support.daemon.workbench import OpenedWorkbench, opened
 
@@ -23,8 +26,15 @@ BRIDGE = Path(__file__).parents[2] / "data" / "p03-bridge"
 CHANGES = ("/api/compare", "/api/learn", "/api/fit", "/api/add", "/api/back", "/api/try",
            "/api/brush",
            "/api/here", "/api/end")  # fmt: skip
-LOOKS = ("/", "/main.js", "/plotly.min.js", "/uplot/uplot.min.js", "/api/state", "/api/head",
-         "/api/compare", "/api/watch")  # fmt: skip
+FILES = next(
+    route.path.removesuffix("/main.js")
+    for route in page_files().routes
+    if isinstance(route, APIRoute) and route.path.endswith("/main.js")
+)
+"""What all files of the page stand below."""
+LOOKS = ("/", f"{FILES}/main.js", f"{FILES}/plotly.min.js", f"{FILES}/uplot/uplot.min.js",
+         "/report/report.html", "/api/state", "/api/head", "/api/compare",
+         "/api/watch")  # fmt: skip
 
 
 @pytest.fixture(scope="module")
@@ -97,8 +107,9 @@ def test_only_a_page_of_the_workbench_changes_anything(bench: OpenedWorkbench) -
 
 def test_no_path_leads_out_of_its_files(bench: OpenedWorkbench) -> None:
     for path in ("/../session.py", "/static/main.js", "/%2e%2e/session.py", "/..%2f..%2fserve.py",
-                 "//etc/passwd", "/etc/passwd", "/main.js/../../door.py", "/main.js%00.py",
-                 "/shared", "/shared/", "/words/",
+                 "//etc/passwd", "/etc/passwd", f"{FILES}/main.js/../../door.py",
+                 f"{FILES}/main.js%00.py", FILES, f"{FILES}/shared/", f"{FILES}/words/", "/main.js",
+                 f"{FILES}/..%2f..%2f..%2fsession.py",
                  "/docs", "/openapi.json", "/redoc"):  # fmt: skip
         answered = bench.ask("GET", path)
         assert answered.status in (400, 404), path
@@ -170,6 +181,20 @@ def test_every_answer_forbids_what_is_not_from_here(bench: OpenedWorkbench) -> N
     page = bench.ask("GET", "/").body.decode()
     assert "<script>" not in page
     assert "style=" not in page
+
+
+def test_what_a_browser_keeps_has_another_address_in_another_abbe(bench: OpenedWorkbench) -> None:
+    """Files stand below a word that is made of them; nothing else is kept without asking."""
+    for path in LOOKS:
+        kept = bench.ask("GET", path).headers.get("cache-control", "")
+        assert ("immutable" in kept) == path.startswith(FILES), path
+        assert "immutable" in kept or "no-" in kept, path
+    page = bench.ask("GET", "/").body.decode()
+    named = re.findall(r'(?:href|src)="([^"]+)"', page)
+    assert len(named) > 20
+    for path in named:
+        assert path.startswith(f"{FILES}/"), path
+        assert bench.ask("GET", path).status == 200, path
 
 
 def test_it_listens_on_this_computer_alone(bench: OpenedWorkbench) -> None:

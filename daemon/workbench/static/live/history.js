@@ -13,8 +13,8 @@ let library = null;
 /** The chart library; fetched when the first picture is drawn. */
 function charts() {
   library ??= new Promise((resolve, reject) => {
-    document.head.append(el("link", {rel: "stylesheet", href: "/uplot/uplot.min.css"}));
-    document.head.append(el("script", {src: "/uplot/uplot.min.js", onload: resolve, onerror: reject}));
+    document.head.append(el("link", {rel: "stylesheet", href: new URL("../uplot/uplot.min.css", import.meta.url)}));
+    document.head.append(el("script", {src: new URL("../uplot/uplot.min.js", import.meta.url), onload: resolve, onerror: reject}));
   });
   return library;
 }

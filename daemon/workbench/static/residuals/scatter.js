@@ -2,7 +2,7 @@
 import {label, t} from "../shared/language.js";
 import {Density} from "./density.js";
 import {el, number} from "../shared/dom.js";
-import {line, placeOf, roomOf, sharp} from "../shared/space.js";
+import {drawnAsItIsWide, line, placeOf, roomOf, sharp} from "../shared/space.js";
 import {colours, onColours} from "../shared/theme.js";
 
 const SIDES = {1: "minus", "-1": "plus", 0: "still"}; // names of colours, by side of approach
@@ -49,7 +49,7 @@ export class Scatter {
     this.#listen();
     linked.pictures.push(this);
     onColours(this.canvas, () => this.draw());
-    new ResizeObserver(() => this.draw()).observe(this.canvas);
+    drawnAsItIsWide(this.canvas, () => this.draw());
   }
 
   get #wide() { return this.room[0] - EDGE.left - EDGE.right; }

@@ -99,7 +99,7 @@ let plotly = null;
 /** Draw a Plotly figure; the library is fetched when the first is drawn. */
 export async function draw(place, figure) {
   plotly ??= new Promise((resolve, reject) => {
-    document.head.append(el("script", {src: "/plotly.min.js", onload: resolve, onerror: reject}));
+    document.head.append(el("script", {src: new URL("../plotly.min.js", import.meta.url), onload: resolve, onerror: reject}));
   });
   await plotly;
   const now = () => {

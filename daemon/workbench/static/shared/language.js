@@ -1,8 +1,9 @@
 // The page's own words in the language of the person: English as they stand here, others by one file each.
 const KEPT = "abbe-language";
-const languages = await (await fetch("/api/languages")).json(); // code -> its own name
+const fileOf = async (name) => (await fetch(new URL(`../words/${name}.json`, import.meta.url))).json();
+const languages = await fileOf("languages"); // code -> its own name
 const code = chosen();
-const words = code === "en" ? {} : await (await fetch(`/words/${code}.json`)).json();
+const words = code === "en" ? {} : await fileOf(code);
 document.documentElement.lang = code;
 
 function chosen() {

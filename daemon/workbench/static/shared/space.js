@@ -4,6 +4,7 @@ import {el, number} from "./dom.js";
 import {colours, letters, onColours} from "./theme.js";
 
 const STEP = 0.12;
+const SOON = 1000; // ms until a picture that is not in view is drawn at the latest
 
 export class Space {
   /** `ends`: lowest and highest of X, Y, Z; `names` of the axes; `label` for who does not see it. */
@@ -14,7 +15,7 @@ export class Space {
     this.setEnds(ends);
     this.#listen();
     onColours(this.canvas, () => this.draw());
-    new ResizeObserver(() => this.draw()).observe(this.canvas);
+    drawnAsItIsWide(this.canvas, () => this.draw());
   }
 
   setEnds(ends) {
@@ -215,6 +216,18 @@ export async function drawnFiner(factor, act) {
   } finally {
     finer = 0;
   }
+}
+
+/** Have a picture drawn when its size is known, and when it changes: at first after what is read, and what is in view before the rest. */
+export function drawnAsItIsWide(canvas, draw) {
+  let first = true;
+  new ResizeObserver(() => {
+    if (!first) { draw(); return; }
+    if (!canvas.clientWidth) return;
+    first = false;
+    if (canvas.getBoundingClientRect().top < innerHeight) requestAnimationFrame(draw);
+    else requestIdleCallback(draw, {timeout: SOON});
+  }).observe(canvas);
 }
 
 /** How wide and high a canvas is where letters have their usual size: on a 4K screen all is drawn larger. */
