@@ -20,11 +20,14 @@ from abbe.compcore.figures.figure import (
     line,
     points,
 )
+from abbe.compcore.figures.residuals import fills_a_volume
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 IN_VOLUME = "residuals in the volume"
+ON_LINE = "residuals on the line"
+"""Where all places lie on one, in place of the volume."""
 OVER_TIME = "residuals over time"
 CANDIDATES = "candidates"
 _BARS = 12
@@ -37,7 +40,10 @@ def diagnosis_figures(findings: Findings) -> dict[str, Callable[[], Figure]]:
     rows = np.flatnonzero(campaign.kind == Kind.DISPLACEMENT)
     u = campaign.conditions.u
     if rows.size and u is not None:
-        made[IN_VOLUME] = partial(_in_volume, findings, rows, u[rows])
+        if fills_a_volume(campaign.functional_moves()[rows]):
+            made[IN_VOLUME] = partial(_in_volume, findings, rows, u[rows])
+        else:
+            made[ON_LINE] = partial(_on_line, findings, rows)
         made[OVER_TIME] = partial(_over_time, findings, rows, u[rows])
     for i, established in enumerate(findings.established, start=1):
         made[f"cause {i}"] = partial(_cause, findings, established)
@@ -52,6 +58,14 @@ def _in_volume(findings: Findings, rows: Index, u: F64) -> Figure:
     result = findings.result
     point = result.problem.observation(result.theta).chain.point[rows]
     return _vectors(point, u, result.residual[rows] * 1e3)
+
+
+def _on_line(findings: Findings, rows: Index) -> Figure:
+    place = findings.result.problem.campaign.functional_moves()[rows]
+    k = int(np.argmax(np.ptp(place, axis=0)))
+    marker = {"size": 4, "color": COLOURS[0]}
+    traces = [points(place[:, k], findings.result.residual[rows] * 1e3, "residuals", marker=marker)]
+    return figure(traces, f"{'XYZ'[k]} in mm", "residual in µm", height=320)
 
 
 def _over_time(findings: Findings, rows: Index, u: F64) -> Figure:

@@ -69,6 +69,7 @@ def figure(
         "modebar": {"bgcolor": "rgba(0,0,0,0)", "color": "#9aa4ae", "activecolor": "#1b1f24"},
         "legend": {
             "orientation": "h",
+            "itemsizing": "constant",
             "traceorder": "normal",
             "y": 1.02,
             "yanchor": "bottom",

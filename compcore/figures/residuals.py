@@ -85,6 +85,11 @@ class Residuals:
         return [f"{s}, line {k}" for s, k in zip(setup[self.rows], lines_, strict=True)]
 
 
+def fills_a_volume(places: F64) -> bool:
+    """Whether places, shape (n, 3), differ in more than one direction: a line is no volume."""
+    return bool(np.count_nonzero(np.ptp(places, axis=0) > 0.0) > 1) if len(places) else False
+
+
 def in_volume(residuals: Residuals) -> Figure:
     """Residuals as vectors along the measured direction, in the machine's volume; can be turned."""
     u = residuals.campaign.conditions.u
@@ -195,7 +200,9 @@ def residual_figures(
         Names of the signals that are worth a picture.
     """
     c, rows = residuals.campaign.conditions, residuals.rows
-    made: dict[str, Callable[[], Figure]] = {"in the volume": partial(in_volume, residuals)}
+    made: dict[str, Callable[[], Figure]] = {}
+    if fills_a_volume(residuals.campaign.functional_moves()[rows]):
+        made["in the volume"] = partial(in_volume, residuals)
     for axis, position in c.positions.items():
         if position[rows].std() > 0.0:
             made[f"along {axis}"] = partial(along_axis, residuals, axis)

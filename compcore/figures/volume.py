@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.figures.figure import COLOURS, GREY, REACH, Figure, figure
+from abbe.compcore.figures.figure import COLOURS, GREY, REACH, Figure, figure, line
 from abbe.compcore.model.error_volume import ErrorVolume
 
 F64 = NDArray[np.float64]
@@ -22,7 +22,9 @@ def enlargement(found: ErrorVolume) -> float:
 
 
 def volume(found: ErrorVolume) -> Figure:
-    """The errors in space, enlarged; can be turned."""
+    """The errors in space, enlarged; can be turned. Of one axis: each component along its line."""
+    if sum(map(bool, found.axes)) == 1:
+        return _along_the_line(found)
     larger = enlargement(found)
     scene = {
         f"{k}axis": {"title": {"text": f"{a or k.upper()} (mm)"}}
@@ -52,6 +54,16 @@ def volume(found: ErrorVolume) -> Figure:
         },
     ]
     return figure(traces, height=620, scene={**scene, "aspectmode": "data"})
+
+
+def _along_the_line(found: ErrorVolume) -> Figure:
+    k = next(i for i, axis in enumerate(found.axes) if axis)
+    at, error = found.lines[0][:, k], found.line_error[0] * 1e3
+    traces = [
+        line(at, error[:, i], f"in {letter}", line={"color": COLOURS[i], "width": 2.5})
+        for i, letter in enumerate("XYZ")
+    ]
+    return figure(traces, f"{found.axes[k]} (mm)", "error (µm)", height=360)
 
 
 def _lines(lines: F64, name: str, style: dict[str, Any]) -> dict[str, Any]:

@@ -182,7 +182,8 @@ def test_iso230(look: Look, tmp_path: Path) -> None:
 
 def test_history(look: Look, tmp_path: Path) -> None:
     one, two, report = tmp_path / "1.toml", tmp_path / "2.toml", tmp_path / "history.html"
-    both = ("--campaign", BRIDGE / "fit.csv", "--holdout", BRIDGE / "check.csv", "-o")
+    some = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
+    both = ("--campaign", some, "--holdout", BRIDGE / "check.csv", "-o")
     abbe("add", BRIDGE / "model.toml", "backlash", "axis=Z", *both, one)
     added = tmp_path / "added.html"
     abbe("add", one, "warm_up", "direction=X", *both, two, "--report", added)

@@ -57,15 +57,13 @@ def test_the_live_view(browser: Browser, tmp_path: Path, scheme: str, locale: st
             assert [e for e in seen.errors if "409" not in e] == []
 
 
-@pytest.mark.one_in(2)
-@pytest.mark.parametrize(("scheme", "locale"), [("light", "en-GB"), ("dark", "de-DE")])
-def test_compare_learn_and_watch(
-    browser: Browser, tmp_path: Path, scheme: str, locale: str
-) -> None:
+@pytest.mark.thorough
+def test_compare_learn_and_watch(browser: Browser, tmp_path: Path) -> None:
+    """In English and light; German and dark in `test_workbench_german.py`."""
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=3)
     files = (BRIDGE / "model.toml", campaign, "--versions", tmp_path / "versions")
     with opened(*files) as bench:
-        seen = visit(browser, bench, color_scheme=scheme, locale=locale, reduced_motion="reduce")
+        seen = visit(browser, bench, color_scheme="light", reduced_motion="reduce")
         page = seen.page
         page.wait_for_selector("h1.bad")
         assert_for_everybody(page)
@@ -82,8 +80,17 @@ def test_compare_learn_and_watch(
         assert_quiet(seen, bench)
 
 
-def test_with_the_keyboard_alone(browser: Browser, tmp_path: Path) -> None:
-    """Views by arrow keys, rows by a table's button, sliders by keys; the focus is always seen."""
+WEIGH = """() => performance.getEntriesByType("resource").concat(
+  performance.getEntriesByType("navigation")).reduce((sum, e) => sum + e.transferSize, 0)"""
+FILES = """() => performance.getEntriesByType("resource")
+  .map((e) => [e.name, e.transferSize]).filter(([name]) => name.includes("/files-"))"""
+
+
+def test_with_the_keyboard_alone_and_little_travels(browser: Browser, tmp_path: Path) -> None:
+    """Views by arrow keys, rows by a table's button, sliders by keys; the focus is always seen.
+
+    The first sight is small, and what the browser has is not sent again.
+    """
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
     with opened(BRIDGE / "model.toml", campaign) as bench:
         seen = visit(browser, bench)
@@ -96,6 +103,9 @@ def test_with_the_keyboard_alone(browser: Browser, tmp_path: Path) -> None:
         page.wait_for_selector("#what-if[data-ready]")
         slider = page.locator("#what-if input[type=range]").first
         before = page.locator("#what-if").get_attribute("data-rms")
+        page.wait_for_selector(".plot .main-svg")
+        # with Plotly, once
+        assert 500_000 < page.evaluate(WEIGH) < 2_500_000
         slider.focus()
         outline = slider.evaluate("e => getComputedStyle(e).outlineStyle")
         assert outline == "solid"
@@ -111,6 +121,13 @@ def test_with_the_keyboard_alone(browser: Browser, tmp_path: Path) -> None:
         show.focus()
         page.keyboard.press("Enter")
         expect(page.locator("#selection")).to_be_visible()
+        page.reload()
+        page.wait_for_selector("h1.bad")
+        assert 0 < page.evaluate(WEIGH) < 300_000
+        # of files nothing is asked for again, and Plotly not before a picture needs it
+        asked = page.evaluate(FILES)
+        assert len(asked) > 20
+        assert [name for name, size in asked if size or "plotly" in name] == []
         assert_quiet(seen, bench)
 
 
@@ -140,32 +157,4 @@ def test_on_paper_the_volume_is_there(browser: Browser, tmp_path: Path) -> None:
         assert pictures >= 5
         page.evaluate("document.querySelectorAll('canvas').forEach((c) => c.remove())")
         assert len(paper) - len(drawings.findall(page.pdf(print_background=False))) >= pictures
-        assert_quiet(seen, bench)
-
-
-def test_little_travels(browser: Browser, tmp_path: Path) -> None:
-    """The first sight is small, and what the browser has is not sent again."""
-    campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=3)
-    with opened(BRIDGE / "model.toml", campaign) as bench:
-        seen = visit(browser, bench)
-        page = seen.page
-        page.wait_for_selector("h1.bad")
-        page.click("#tab-learn")
-        page.wait_for_selector("#what-if[data-ready]")
-        page.wait_for_selector(".plot .main-svg")
-        weigh = """() => performance.getEntriesByType("resource").concat(
-          performance.getEntriesByType("navigation")).reduce((sum, e) => sum + e.transferSize, 0)"""
-        whole = page.evaluate(weigh)
-        # with Plotly, once
-        assert 500_000 < whole < 2_500_000
-        page.reload()
-        page.wait_for_selector("h1.bad")
-        again = page.evaluate(weigh)
-        assert 0 < again < 300_000
-        # of files nothing is asked for again, and Plotly not until a picture needs it
-        files = """() => performance.getEntriesByType("resource")
-          .map((e) => [e.name, e.transferSize]).filter(([name]) => name.includes("/files-"))"""
-        asked = page.evaluate(files)
-        assert len(asked) > 20
-        assert [name for name, size in asked if size or "plotly" in name] == []
         assert_quiet(seen, bench)

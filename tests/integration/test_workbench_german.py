@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -11,8 +12,8 @@ from playwright.sync_api import Browser, Page, expect
 
 from abbe.daemon.config.tokens import add_token
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.support.daemon.browser import chromium, visit
-from tests.support.daemon.german import english_of, english_on
+from tests.support.daemon.browser import assert_for_everybody, assert_quiet, chromium, visit
+from tests.support.daemon.german import as_pattern, english_of, english_on
 from tests.support.daemon.live_run import MODEL
 from tests.support.daemon.measuring import configuration
 from tests.support.daemon.some_setups import some_setups
@@ -22,6 +23,7 @@ from tests.support.daemon.workbench import opened
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 BRIDGE = Path(__file__).parents[1] / "data" / "p03-bridge"
+STATIC = Path(__file__).parents[2] / "daemon" / "workbench" / "static"
 OWN = frozenset({"held-out", "no load; feed 1500 mm/min", "error (Fehler)"})
 """What people wrote into files, and words of a file that are explained."""
 
@@ -54,16 +56,35 @@ def test_words_that_are_found() -> None:
 
 
 def test_the_model(browser: Browser, tmp_path: Path) -> None:
+    """In the dark, too; and for everybody as each view stands."""
+    words = json.loads((STATIC / "words" / "de.json").read_text("utf-8"))
+    known = [
+        as_pattern(own) for own in ((words | words["_labels"]).values()) if isinstance(own, str)
+    ]
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
     with opened(BRIDGE / "model.toml", campaign, "--versions", tmp_path / "versions") as bench:
-        page = visit(browser, bench, until="h1.bad", locale="de-DE").page
+        seen = visit(
+            browser, bench, until="h1.bad", locale="de-DE", color_scheme="dark",
+            reduced_motion="reduce",
+        )  # fmt: skip
+        page = seen.page
         page.wait_for_selector(".volume canvas")
+        expect(page.locator("#tab-compare")).to_have_text("1 Vergleichen")
+        expect(page.locator("h1")).to_have_text("Das Modell stimmt nicht")
+        expect(page.locator(".verdict p").first).to_contain_text("DAS MODELL STIMMT NICHT")
         assert_german(page)
+        assert_for_everybody(page)
+        # every heading and name has its word, whoever gave it
+        named = page.locator("main th, main summary, dl dt, .scatter figcaption")
+        for text in named.all_text_contents():
+            assert any(p.fullmatch(text.strip()) for p in known), text
         page.click("#tab-learn")
         page.wait_for_selector("#what-if[data-ready]")
         page.wait_for_selector("#advice li")
         expect(page.locator("#task")).to_be_hidden()
+        expect(page.locator(".verdict p").first).to_contain_text("Residuen: Effektivwert")
         assert_german(page)
+        assert_for_everybody(page)
         page.locator(".cause .add").first.click()
         page.wait_for_selector("tr.current td:has-text('backlash')")
         expect(page.locator("#task")).to_be_hidden()
@@ -72,13 +93,19 @@ def test_the_model(browser: Browser, tmp_path: Path) -> None:
         page.wait_for_selector("#done td:has-text('geschmiert')")
         page.click("#look-beside")
         page.wait_for_selector("#beside[data-ready]")
+        page.wait_for_selector(".course .main-svg")
         assert_german(page)
+        assert_for_everybody(page)
         with page.expect_popup() as found:
             page.click("#report")
         found.value.wait_for_selector("#paper[data-ready]")
         assert_german(found.value)
         page.bring_to_front()
         assert_found_in_english(page)
+        # switched, it stays switched
+        page.reload()
+        expect(page.locator("#tab-compare")).to_have_text("1 Compare")
+        assert_quiet(seen, bench)
 
 
 @pytest.mark.thorough

@@ -8,7 +8,6 @@ import re
 from pathlib import Path
 
 import pytest
-from playwright.sync_api import Page, expect
 from typer.testing import CliRunner
 
 from abbe.compcore.campaign.measuring_conditions import STATED
@@ -17,25 +16,13 @@ from abbe.compcore.diagnosis.shop_words import templates
 from abbe.compcore.effects import make_effect
 from abbe.daemon.application import app
 from tests.support.compcore.catalogue import ROWS
-from tests.support.daemon.browser import assert_quiet, chromium, visit
-from tests.support.daemon.some_setups import some_setups
-from tests.support.daemon.workbench import opened
+from tests.support.daemon.german import as_pattern
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
 
 BRIDGE = Path(__file__).parents[1] / "data" / "p03-bridge"
 STATIC = Path(__file__).parents[2] / "daemon" / "workbench" / "static"
 LANGUAGES = sorted((STATIC / "words").glob("*.json"))
-SEEN = """() => {
-  const found = new Set();
-  const texts = document.createTreeWalker(document.body, NodeFilter.SHOW_TEXT);
-  while (texts.nextNode()) found.add(texts.currentNode.data.trim());
-  for (const node of document.querySelectorAll("[aria-label]"))
-    found.add(node.getAttribute("aria-label"));
-  found.delete("");
-  return [...found];
-}"""
-"""Every text and every label of a page."""
 
 
 def used() -> set[str]:
@@ -217,63 +204,3 @@ def test_what_is_text_of_a_script_is_translated() -> None:
             found = re.findall(r'[,?:] "([A-Z][a-z]+ [a-z][^"\\]*)"', path.read_text("utf-8"))
             bare += [f"{path.name}: {text}" for text in found if text not in STATED.values()]
     assert bare == []
-
-
-def as_pattern(text: str) -> re.Pattern[str]:
-    """What a text with places for values looks like when they are there."""
-    return re.compile(re.sub(r"\\{\w+\\}", ".+?", re.escape(text.strip())))
-
-
-def english_on(page: Page, words: dict[str, str]) -> list[str]:
-    """Texts of a page that are the English of a word that has another one."""
-    patterns = [
-        as_pattern(english)
-        for english, own in words.items()
-        if own != english and re.search(r"[a-zA-Z]{4}", re.sub(r"{\w+}", "", english))
-    ]
-    return [text for text in page.evaluate(SEEN) if any(p.fullmatch(text) for p in patterns)]
-
-
-def test_in_german_no_label_is_english(tmp_path: Path) -> None:
-    words, labels = words_of(STATIC / "words" / "de.json")
-    words = labels | words
-    campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
-    files = (BRIDGE / "model.toml", campaign, "--versions", tmp_path / "versions")
-    with chromium() as browser, opened(*files) as bench:
-        seen = visit(browser, bench, locale="de-DE")
-        page = seen.page
-        expect(page.locator("#tab-compare")).to_have_text("1 Vergleichen")
-        page.wait_for_selector(".volume canvas")
-        assert english_on(page, words) == []
-        # what the command says, too
-        sentences = json.loads((STATIC / "words" / "de.json").read_text("utf-8"))["_sentences"]
-        expect(page.locator("h1")).to_have_text("Das Modell stimmt nicht")
-        assert english_on(page, sentences) == []
-        expect(page.locator(".verdict p").first).to_contain_text("DAS MODELL STIMMT NICHT")
-        # every heading and name has its word, whoever gave it
-        known = [as_pattern(own) for own in words.values()]
-        named = page.locator("main th, main summary, dl dt, .scatter figcaption")
-        for text in named.all_text_contents():
-            assert any(p.fullmatch(text.strip()) for p in known), text
-        page.click("#tab-learn")
-        page.wait_for_selector("#what-if[data-ready]")
-        assert english_on(page, words) == []
-        page.wait_for_selector("#advice li")
-        assert english_on(page, sentences) == []
-        assert english_on(page, {f"1. {text}": own for text, own in sentences.items()}) == []
-        expect(page.locator(".verdict p").first).to_contain_text("Residuen: Effektivwert")
-        page.click("#tab-watch")
-        page.wait_for_selector("#view[data-tab=watch] h1")
-        assert english_on(page, words) == []
-        with page.expect_popup() as found:
-            page.click("#report")
-        found.value.wait_for_selector("#paper[data-ready]")
-        assert english_on(found.value, words) == []
-        # switched, it stays switched
-        page.select_option("#language", "en")
-        expect(page.locator("#tab-compare")).to_have_text("1 Compare")
-        page.wait_for_selector("#view[data-tab=compare] .volume canvas")
-        assert len(english_on(page, words)) > 10
-        page.reload()
-        expect(page.locator("#tab-compare")).to_have_text("1 Compare")
-        assert_quiet(seen, bench)

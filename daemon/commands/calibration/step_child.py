@@ -81,6 +81,8 @@ def main() -> None:
         return sys.stdin.readline().strip() == "y"
 
     try:
+        # the workbench began this process with it held back
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
         with remembered() as made:
             sys.stdout = cast("TextIO", SaidLines(sys.stdout, made))
             request = CalibrationRequest(

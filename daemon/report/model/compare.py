@@ -146,10 +146,12 @@ _PARTS = (
 def draw_residuals(page: Page, figures: Mapping[str, Callable[[], Figure]], what: str) -> None:
     """All pictures of ``residuals`` or ``rotations`` among those of a result."""
     for heading, starts, caption in _PARTS:
-        page.subsection(heading)
-        for name, make in figures.items():
-            if name.startswith(tuple(f"{what} {start}" for start in starts)):
-                page.figure(make(), caption)
+        begins = tuple(f"{what} {start}" for start in starts)
+        own = [make for name, make in figures.items() if name.startswith(begins)]
+        if own:
+            page.subsection(heading)
+        for make in own:
+            page.figure(make(), caption)
 
 
 def _tables(page: Page, comparison: Comparison, part: ComparedRows, unit: str) -> None:

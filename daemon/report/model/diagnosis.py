@@ -20,7 +20,7 @@ from abbe.compcore.diagnosis.explain import (
 )
 from abbe.compcore.diagnosis.findings import Established
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
-from abbe.compcore.diagnosis.pictures import CANDIDATES, IN_VOLUME, OVER_TIME
+from abbe.compcore.diagnosis.pictures import CANDIDATES, IN_VOLUME, ON_LINE, OVER_TIME
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.shop_words import in_the_shop
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
@@ -146,14 +146,17 @@ def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
 
 
 def _where(out: Page, figures: Mapping[str, Callable[[], Figure]]) -> None:
-    if IN_VOLUME not in figures:
+    if OVER_TIME not in figures:
         return
     out.section("Where")
-    out.figure(
-        figures[IN_VOLUME](),
-        "Residuals in the volume: each line points along the measured direction and is as long as "
-        "the residual, enlarged. Turn the picture with the mouse.",
-    )
+    if ON_LINE in figures:
+        out.figure(figures[ON_LINE](), "Residuals along the one line on which all places lie.")
+    else:
+        out.figure(
+            figures[IN_VOLUME](),
+            "Residuals in the volume: each line points along the measured direction and is as long "
+            "as the residual, enlarged. Turn the picture with the mouse.",
+        )
     out.figure(
         figures[OVER_TIME](),
         "Residuals over time, by measured direction: a slope or a wave in time is no noise.",

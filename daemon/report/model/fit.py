@@ -60,7 +60,7 @@ def fit_page(result: FitResult, model: Model, noise: NoiseFloor, head: PageHead)
     _outliers(page, result)
     page.section("Residuals")
     for what in ("residuals", "rotations"):
-        if f"{what} in the volume" in figures:
+        if f"{what} beside chance" in figures:
             draw_residuals(page, figures, what)
     page.section("Coefficients of shapes")
     _parameters(page, result, few=False)

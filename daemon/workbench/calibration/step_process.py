@@ -63,15 +63,20 @@ class StepProcess:
         self._ended = ""
         # ends with this process however that ends: then the step ends in an orderly way, too
         begun, self._lifeline = os.pipe()
-        self._process = subprocess.Popen(
-            [sys.executable, "-u", "-m", module],
-            pass_fds=(begun,),
-            stdin=subprocess.PIPE,
-            stdout=subprocess.PIPE,
-            text=True,
-            encoding="utf-8",
-            start_new_session=True,  # Ctrl-C is for the workbench, which then ends it
-        )
+        # what it is sent before it can end in an orderly way waits until it can
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            self._process = subprocess.Popen(
+                [sys.executable, "-u", "-m", module],
+                pass_fds=(begun,),
+                stdin=subprocess.PIPE,
+                stdout=subprocess.PIPE,
+                text=True,
+                encoding="utf-8",
+                start_new_session=True,  # Ctrl-C is for the workbench, which then ends it
+            )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
         os.close(begun)
         self._write(json.dumps({**task, "lifeline": begun}))
         self._reader = threading.Thread(target=self._read, daemon=True, name="calibration")

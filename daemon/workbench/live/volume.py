@@ -35,13 +35,15 @@ def present_volume(status: RunStatus, model: Model) -> dict[str, Any]:
         "Without correction the machine errs by up to {size} µm",
         size=f"{found.largest * 1e3:.1f}",
     )
-    words = said(
-        "Most at {where} mm. {warmth} The box and the arrows are drawn {times} times too large; "
-        "grey is the box as indicated.",
-        where=where,
-        warmth=_warmth(status),
-        times=_thousands(enlargement(found)),
-    )
+    words = said("Most at {where} mm. {warmth}", where=where, warmth=_warmth(status))
+    if sum(map(bool, found.axes)) > 1:
+        words = said(
+            "Most at {where} mm. {warmth} The box and the arrows are drawn {times} times too "
+            "large; grey is the box as indicated.",
+            where=where,
+            warmth=_warmth(status),
+            times=_thousands(enlargement(found)),
+        )
     return {
         "figure": plain(volume(found)),
         "title": title,

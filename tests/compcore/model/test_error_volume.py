@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.figures.residuals import fills_a_volume
 from abbe.compcore.figures.volume import enlargement, volume
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.model.error_volume import error_volume
@@ -85,6 +87,30 @@ def test_the_picture_shows_the_errors_enlarged(model) -> None:
     assert f"{larger:.0f}" in warped["name"]
     assert np.nanmax(box["x"]) == 400.0
     assert np.nanmax(warped["x"]) == pytest.approx(400.0 + larger * 400.0 * 3.0 * ALPHA)
+
+
+def test_of_one_axis_its_line_is_drawn_and_no_box(tmp_path: Path) -> None:
+    path = tmp_path / "m.toml"
+    text = MODEL.replace("w b Y X Z t", "w b X t")
+    for axis in "YZ":
+        text = re.sub(rf"\[machine\.axes\.{axis}\]\n.*\n", "", text)
+    path.write_text(re.sub(r'(?s)\[\[effects\]\]\nkind = "squareness".*?(?=\[\[effects)', "", text))
+    figure = volume(error_volume(load_model(path), {}, signals={"T": 23.0}))
+    assert "scene" not in figure["layout"]
+    assert [trace["name"] for trace in figure["data"]] == ["in X", "in Y", "in Z"]
+    in_x, in_y, _ = figure["data"]
+    assert in_x["y"] == pytest.approx(1e3 * ALPHA * 3.0 * np.asarray(in_x["x"]))
+    assert np.abs(in_y["y"]).max() == 0.0
+
+
+def test_a_line_is_no_volume() -> None:
+    line = np.zeros((5, 3))
+    line[:, 1] = np.arange(5.0)
+    assert not fills_a_volume(line)
+    assert not fills_a_volume(line[:0])
+    assert not fills_a_volume(line[:1])
+    line[:, 2] = np.arange(5.0) ** 2
+    assert fills_a_volume(line)
 
 
 def test_no_error_is_no_division_by_nothing(model) -> None:

@@ -57,3 +57,8 @@ def english_on(page: Page, own: frozenset[str] = frozenset()) -> Iterator[str]:
             text = text.replace(name, " ")
         if english_of(text):
             yield text
+
+
+def as_pattern(text: str) -> re.Pattern[str]:
+    """What a text with places for values looks like when they are there."""
+    return re.compile(re.sub(r"\\{\w+\\}", ".+?", re.escape(text.strip())))

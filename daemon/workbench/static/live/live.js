@@ -1,6 +1,6 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
 import {knowNow, label, line, say, stateOf, t} from "../shared/language.js";
-import {el, fill, lasting, refill, table, write} from "../shared/dom.js";
+import {draw, el, fill, lasting, refill, table, write} from "../shared/dom.js";
 import {get, Outside, Refusal} from "../shared/server.js";
 import {History, when} from "./history.js";
 import {FigureInSpace} from "../shared/space.js";
@@ -73,7 +73,9 @@ export class Live {
     this.lost.textContent = words;
     this.lost.hidden = false;
     this.node.classList.add("old");
-    if (!this.found) this.state.textContent = t("No run is seen");
+    // what stood here last says nothing of the present: neither its words nor its colour
+    this.state.textContent = this.found ? t("Not seen any more; last: {state}", {state: stateOf(this.found.state)}) : t("No run is seen");
+    this.state.className = this.found ? "bad" : "";
     this.node.dataset.seen = "lost";
     this.#say();
   }
@@ -147,6 +149,19 @@ export class Live {
       found = await get("/api/live/volume");
     } catch (error) {
       if (error instanceof Refusal && !(error instanceof Outside) && !this.space) this.volume.lastChild.textContent = line(error.message);
+      return;
+    }
+    // of one axis: its line, with the error along it
+    if (!found.figure.layout.scene) {
+      this.line ??= el("div", {class: "plot"});
+      if (!this.line.isConnected) {
+        this.title = el("h2", {});
+        this.words = el("figcaption", {});
+        this.volume.replaceChildren(this.title, el("figure", {}, this.words, this.line));
+      }
+      this.title.textContent = say(found.title);
+      this.words.textContent = say(found.words);
+      await draw(this.line, found.figure);
       return;
     }
     if (this.space) {

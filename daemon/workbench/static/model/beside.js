@@ -50,7 +50,7 @@ function shown(found) {
     found.causes.length ? el("details", {}, el("summary", {}, t("{n} values in which the two differ", {n: found.causes.length})),
       table("", found.columns, found.causes.map((row) => row.map((text) => text || "–"))))
       : el("p", {}, t("The two have the same values.")),
-    el("div", {class: "beside"}, ...found.groups.map((group) => el("details", {}, el("summary", {}, label(group.title)),
+    el("div", {class: "beside"}, ...found.groups.map((group) => el("details", {}, el("summary", {}, `${group.unit === "µm" ? t("Lengths") : t("Rotations")}: ${label(group.title)}`),
       table("", ["", t("{name}: rms, {unit}", {name: left.name, unit: group.unit}), t("{name}: rms, {unit}", {name: right.name, unit: group.unit})],
         group.cells.map(([where, ...rest]) => [label(where), ...rest]))))),
   ];

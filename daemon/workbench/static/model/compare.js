@@ -45,6 +45,12 @@ export function compareView(found, next) {
 
 const SIDES = /^Side of approach/; // whose rows are named in words, not by what a person chose
 
+/** Whether the rows of a part lie in more than one direction: a line is no volume. */
+function inVolume(rows, part) {
+  const own = [...rows.row.keys()].filter((i) => rows.part[i] === part);
+  return [0, 1, 2].filter((k) => own.some((i) => rows.place[3 * i + k] !== rows.place[3 * own[0] + k])).length > 1;
+}
+
 function partSection(found, linked, part, reach) {
   const own = found.panels.filter((panel) => panel.part === part);
   const make = (panels) => el("div", {class: "panels"},
@@ -71,7 +77,7 @@ function partSection(found, linked, part, reach) {
   more(t("{n} more along the axes", {n: along.length - FIRST}), along.slice(FIRST));
   section.append(el("div", {class: "beside"},
     make(own.filter((panel) => panel.by === "setup" || panel.by === "time")),
-    new Volume(linked, part, reach[part], Boolean(found.cells)).node));
+    inVolume(found.rows, part) ? new Volume(linked, part, reach[part], Boolean(found.cells)).node : null));
   more(t("Against signals"), own.filter((panel) => panel.by === "signal"));
   const tables = found.tables.filter((each) => each.part === part);
   section.append(el("h2", {}, t("{part}: worst first", {part: NAMES[part]})));

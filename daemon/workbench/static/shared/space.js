@@ -218,15 +218,24 @@ export async function drawnFiner(factor, act) {
   }
 }
 
+const draws = new WeakMap(); // canvas -> what draws it
+
 /** Have a picture drawn when its size is known, and when it changes: at first after what is read, and what is in view before the rest. */
 export function drawnAsItIsWide(canvas, draw) {
-  let first = true;
-  new ResizeObserver(() => {
-    if (!first) { draw(); return; }
-    if (!canvas.clientWidth) return;
-    first = false;
-    if (canvas.getBoundingClientRect().top < innerHeight) requestAnimationFrame(draw);
-    else requestIdleCallback(draw, {timeout: SOON});
+  draws.set(canvas, draw);
+  new ResizeObserver(([{target}], observer) => {
+    if (!target.clientWidth) return;
+    observer.disconnect();
+    // a picture that is gone meanwhile is kept by nothing
+    const reference = new WeakRef(target);
+    const begin = () => {
+      const place = reference.deref();
+      if (!place) return;
+      // draws it now, too
+      new ResizeObserver(() => draws.get(place)()).observe(place);
+    };
+    if (target.getBoundingClientRect().top < innerHeight) requestAnimationFrame(begin);
+    else requestIdleCallback(begin, {timeout: SOON});
   }).observe(canvas);
 }
 
