@@ -66,8 +66,9 @@ def page(
 ) -> Page:
     """The whole story on one page."""
     machine = diagnosis.whole.problem.model.machine
-    subtitle = f"{machine.name or 'Machine'}: {_title(diagnosis)}"
-    out = Page(verdict_title(diagnosis), subtitle, head)
+    title, verdict = verdict_title(diagnosis), _title(diagnosis)
+    name = machine.name or "Machine"
+    out = Page(title, name if title == verdict else f"{name}: {verdict}", head)
     out.notes([f"SUSPICIOUS: {what}" for what in suspicious(diagnosis)], warning=True)
     if diagnosis.verdict == "changed" and diagnosis.standing is not None:
         out.section("What has changed")
