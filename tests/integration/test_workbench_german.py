@@ -100,6 +100,7 @@ def test_the_model(browser: Browser, tmp_path: Path) -> None:
             page.click("#report")
         found.value.wait_for_selector("#paper[data-ready]")
         assert_german(found.value)
+        assert_for_everybody(found.value)
         page.bring_to_front()
         assert_found_in_english(page)
         # switched, it stays switched
