@@ -123,6 +123,12 @@ def test_the_whole_loop_by_clicking(browser: Browser, tmp_path: Path) -> None:
         other.page.locator("button.back[data-version='1']").click()
         expect(page.locator("#trouble")).to_contain_text("changed in another window")
         expect(page.locator("#version")).to_have_text("model-2.toml")
+        # also when what that started is over
+        expect(page.locator("#task")).to_be_hidden()
+        expect(other.page.locator("#task")).to_be_hidden()
+        expect(page.locator("#trouble")).to_contain_text("changed in another window")
+        page.click("#tab-watch")
+        expect(page.locator("#trouble")).to_be_hidden()
         assert_quiet(other, bench)
         other.page.click("#end")
         expect(other.page.locator("h1")).to_have_text("The workbench is closed.")

@@ -157,8 +157,11 @@ async function look() {
   seen = now.changes;
   if (now.error) trouble(line(now.error));
   else if (again) { told = returned(anew, before, now); trouble(""); }
-  else if (before && before.version !== now.version && !mine)
-    trouble(t("The model is {version} now: it was changed in another window.", {version: now.version}));
+  else if (before && before.version !== now.version && !mine) {
+    // stays until the person does something: what goes on meanwhile ends by itself
+    told = t("The model is {version} now: it was changed in another window. What was done stands under Watch.", {version: now.version});
+    trouble("");
+  }
   else if (over || before?.error) trouble("");
   if (!now.task) mine = false;
   // what the view shows is asked for meanwhile
