@@ -264,6 +264,7 @@ def bench_post(page: Page, path: str, body: dict[str, str]) -> str:
     return str(found)
 
 
+@pytest.mark.thorough
 def test_an_upload_in_the_guide_that_fails_leaves_the_old_table_and_the_step_open(
     place: Place,
 ) -> None:
