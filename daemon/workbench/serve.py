@@ -45,7 +45,7 @@ def serve(
 
     app, port = application(views, end), made.getsockname()[1]
     door = WorkbenchDoor(app, port, invite, key=key, session=session)
-    server = _LoopbackServer(bounded_config(door))
+    server = _LoopbackServer(bounded_config(door), views.end_streams)
     try:
         with as_a_service():
             server.run(sockets=[made])
@@ -54,7 +54,24 @@ def serve(
 
 
 class _LoopbackServer(uvicorn.Server):
-    """A server for which Ctrl-C is the ordinary end."""
+    """A server for which Ctrl-C is the ordinary end.
+
+    Parameters
+    ----------
+    config
+        Of uvicorn.
+    ending
+        Called when it ends, before it waits for what is under way.
+    """
+
+    def __init__(self, config: uvicorn.Config, ending: Callable[[], None]) -> None:
+        super().__init__(config)
+        self._ending = ending
+
+    async def shutdown(self, sockets: list[socket.socket] | None = None) -> None:
+        """End in an orderly way."""
+        self._ending()
+        await super().shutdown(sockets)
 
     @contextlib.contextmanager
     def capture_signals(self) -> Iterator[None]:

@@ -73,6 +73,11 @@ class WorkbenchViews:
         desks = (self.desk, self.guide.known_desk if self.guide is not None else None)
         return any(desk is not None and desk.busy for desk in desks)
 
+    def end_streams(self) -> None:
+        """End what would go on for as long as somebody looks."""
+        if self.live is not None:
+            self.live.end()
+
     def close(self) -> None:
         """End what is under way; an upload, and the last rows of a measurement, are waited for."""
         if self.bench is not None:

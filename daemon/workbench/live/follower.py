@@ -67,6 +67,14 @@ class LiveFollower:
         self._status: RunStatus | None = None
         self._known: dict[str, bytes] = {}
         self._last = ""
+        self.ended = False
+        """Whether nothing comes any more: the server ends."""
+
+    def end(self) -> None:
+        """Tell nobody anything any more, so that streams end by themselves."""
+        self.ended = True
+        for browser in self._browsers:
+            browser.put("end", b"")
 
     @contextlib.contextmanager
     def stream(self) -> Iterator[NewestEvents]:

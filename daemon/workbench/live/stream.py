@@ -29,6 +29,8 @@ class LiveEvents(EventStream):
         with self._follower.stream() as events:
             while True:
                 taken = await events.take(_QUIET)
+                if self._follower.ended:
+                    return
                 yield (
                     b"".join(
                         b"event: %s\ndata: %s\n\n" % (kind.encode(), data)

@@ -50,6 +50,10 @@ class LiveView:
         """What the page asks of a session, where there is none."""
         return {"changes": 0, "task": None, "error": "", "version": ""}
 
+    def end(self) -> None:
+        """End the streams of all browsers."""
+        self._follower.end()
+
     def head(self) -> dict[str, Any]:
         """Machine, date, files of the run."""
         machine, files, air = "Abbe", [], []

@@ -6,6 +6,8 @@ import re
 import signal
 import socket
 from collections.abc import Iterator
+from contextlib import closing
+from http.client import HTTPConnection
 from http.cookies import SimpleCookie
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -245,6 +247,23 @@ def test_a_stream_ends_with_its_session(tmp_path: Path) -> None:
         # whether anything runs here or not, it says something every few seconds, until it ends
         assert found.ask("GET", "/api/live/stream").status == 200
         assert found.ask("GET", "/api/state").status == 403
+
+
+def test_ctrl_c_ends_it_while_somebody_looks(
+    tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """A live view is open: its stream ends, and nothing is complained of."""
+    campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=12)
+    with opened(BRIDGE / "model.toml", campaign) as found:
+        found.enter()
+        with closing(HTTPConnection("127.0.0.1", found.port, timeout=60)) as looking:
+            looking.request("GET", "/api/live/stream", headers={"cookie": found.cookie})
+            stream = looking.getresponse()
+            assert stream.status == 200
+            found.process.send_signal(signal.SIGINT)
+            stream.read()
+        assert found.process.wait(60) == 0
+    assert capfd.readouterr().err == ""
 
 
 def test_ctrl_c_and_the_button_end_it(tmp_path: Path) -> None:

@@ -67,7 +67,8 @@ function copyOf(view, pictures) {
   for (const control of copy.querySelectorAll(CONTROLS)) control.remove();
   for (const canvas of copy.querySelectorAll("canvas")) canvas.remove();
   for (const node of copy.querySelectorAll("[tabindex], [id]")) {
-    node.removeAttribute("tabindex");
+    // what is wider than the window is scrolled with keys, too
+    if (!node.matches(".wide")) node.removeAttribute("tabindex");
     if (node.id !== "what-if") node.removeAttribute("id");
   }
   for (const name of ["tabindex", "id", "role", "aria-labelledby"]) copy.removeAttribute(name);
