@@ -82,10 +82,12 @@ def read_in(quantity: Quantity) -> tuple[str, float]:
     """The unit in which people read a quantity, and the factor from the unit inside the code.
 
     Errors are read in µm, as `display` has it; where a defect lies, how long a period or a dead
-    path is, in mm.
+    path is, in mm, of a rotary axis in degrees.
     """
     if quantity.extent and quantity.unit == "mm":
         return "mm", 1.0
+    if quantity.extent and quantity.unit == "rad":
+        return "°", 1.0 / _DEG
     return display(quantity.unit)
 
 

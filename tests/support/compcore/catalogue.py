@@ -314,6 +314,14 @@ ROWS: tuple[Row, ...] = (
         },
         spec="cyclic of a given period",
     ),
+    Row(
+        "cyclic",
+        {"axis": "C"},
+        {"A1": 2e-5, "B1": -1e-5},
+        lambda w: {"E_CC": np.real((2e-5 + 1e-5j) * np.exp(36j * w.q["C"]))},
+        nonlinear={"period": 2.0 * math.pi / 36.0},
+        spec="cyclic of a worm",
+    ),
     Row("backlash", {"axis": "Z"}, {"b": 0.012}, lambda w: {"E_ZZ": 0.006 * w.s["Z"]}),
     Row(
         "backlash",

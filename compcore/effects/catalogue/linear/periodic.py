@@ -1,4 +1,4 @@
-"""Periodic effects: the lead of a screw, the period of a grating."""
+"""Periodic effects: the lead of a screw, the period of a grating, the tooth of a worm wheel."""
 
 from __future__ import annotations
 
@@ -9,17 +9,20 @@ import numpy as np
 
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.campaign.sampling import alias
-from abbe.compcore.effects.base import Effect, Motion, NonlinearParameter, Parameter
+from abbe.compcore.effects.base import Effect, ErrorMotion, Motion, NonlinearParameter, Parameter
 from abbe.compcore.effects.keys import Harmonics, PositiveUnlessFitted
 from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.targets import along, require_linear
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.machine import WHOLE_TURN, Axis, Machine, own_component
 
 LEADS_MM = (10.0, 5.0, 20.0, 6.0, 8.0, 4.0, 12.0, 16.0, 25.0, 40.0, 32.0, 30.0, 50.0, 2.5, 2.0)
 """Leads of ball screws, mm (ISO 3408-2 and the makers' series between), the commonest first."""
 
 _MOST_STARTS = 240
+_RESOLVED = 1.02
+_FEWEST_TEETH, _MOST_TEETH = 5, 360
+"""Waves in a turn of a rotary axis that are looked for: teeth of a worm wheel, poles of a motor."""
 
 
 def _period(axis: Axis) -> NonlinearParameter:
@@ -30,6 +33,16 @@ def _period(axis: Axis) -> NonlinearParameter:
     them only the common leads are tried.
     """
     length = axis.travel[1] - axis.travel[0]
+    if axis.rotary:
+        return NonlinearParameter(
+            "period",
+            "rad",
+            bounds=(0.9 * WHOLE_TURN / _MOST_TEETH, WHOLE_TURN / (_FEWEST_TEETH - 0.5)),
+            starts=tuple(WHOLE_TURN / n for n in range(_MOST_TEETH, _FEWEST_TEETH - 1, -1)),
+            plausible=(0.5 * WHOLE_TURN / _MOST_TEETH, WHOLE_TURN / (_FEWEST_TEETH - 0.5)),
+            description=f"angle after which {axis.name} errs alike",
+            extent=True,
+        )
     grid = 2.0 * length / np.arange(2, _MOST_STARTS + 2)
     grid = grid[grid >= min(LEADS_MM)]
     starts = {float(p) for p in grid} | {p for p in LEADS_MM if p < grid.min(initial=length)}
@@ -68,14 +81,16 @@ class Cyclic(Effect):
 
     Formula
         ``E_aa = Σ A_h·cos(2π·h·q_a/P) + B_h·sin(2π·h·q_a/P)``, h = 1 … harmonics; the period P is
-        fitted unless it is given.
+        fitted unless it is given (mm, of a rotary axis degrees: 360° through the number of teeth).
     Parameters
     ----------
         A1, B1, A2, … in mm, within ±20 µm: a wobbling screw or an eccentric rotary encoder gives 1
         to 10 µm, the interpolation of a glass scale less than 0.5 µm. period in mm: the lead of a
         ball screw (5 to 40 mm), its divisions by the number of motor poles or gear teeth; a
         grating's period (4 to 40 µm) must be given, no ordinary campaign samples finely enough to
-        find it.
+        find it. Of a rotary axis rad, within ±500 µrad: a worm that runs out gives 10 to 100 µrad
+        at each tooth of its wheel; the wheel's own run-out, once in a turn, is
+        `rotary_positioning`.
     Signals
         None beyond the axis's position. Steps along the axis must not be multiples of the period,
         or nothing is seen of it.
@@ -95,14 +110,16 @@ class Cyclic(Effect):
     harmonics: Harmonics = 1
 
     def check(self, machine: Machine) -> None:
-        """Linear axes only."""
+        """An axis that is positioned."""
         super().check(machine)
-        require_linear(machine, self.axis, self.kind)
+        if self.axis not in machine.axes or not machine.axis(self.axis).rotary:
+            require_linear(machine, self.axis, self.kind)
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """Cosine and sine amplitude of each harmonic."""
+        unit, most = ("rad", 5e-4) if machine.axis(self.axis).rotary else ("mm", 0.02)
         return tuple(
-            Parameter(f"{letter}{h}", "mm", (-0.02, 0.02), f"{part} of harmonic {h}")
+            Parameter(f"{letter}{h}", unit, (-most, most), f"{part} of harmonic {h}")
             for h in range(1, self.harmonics + 1)
             for letter, part in (("A", "cosine"), ("B", "sine"))
         )
@@ -119,10 +136,17 @@ class Cyclic(Effect):
         """
         found = self.nonlinear(machine)
         step = coverage.steps.get(self.axis, 0.0)
+        axis = machine.axis(self.axis)
+        if axis.rotary and not step and coverage.places:
+            # uneven angles: no more waves in a turn than half of the places of a whole one
+            step = 2.0 * axis.half_travel / max(coverage.places.get(self.axis, 2) - 1, 1)
         if not found or not step or 2.0 * step >= found[0].bounds[1]:
             return found
         (period,) = found
-        told = _told_apart(period, step)
+        if axis.rotary:
+            told = [p for p in period.starts if p > 2.0 * step * _RESOLVED]
+        else:
+            told = _told_apart(period, step)
         low = max(period.bounds[0], 0.9 * min(told, default=2.0 * step))
         return (
             replace(
@@ -134,11 +158,22 @@ class Cyclic(Effect):
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
     ) -> tuple[Motion, ...]:
         """``cos`` and ``sin`` of each harmonic on E_aa; held at the ends of the travel."""
-        period = nonlinear["period"] if self.period is None else self.period
-        position = machine.axis(self.axis).clamp(conditions.position(self.axis))
+        axis, period = machine.axis(self.axis), self._period(machine, nonlinear)
+        position = axis.clamp(conditions.position(self.axis))
         phase = np.outer(position, 2.0 * np.pi / period * np.arange(1, self.harmonics + 1))
         columns = np.stack([np.cos(phase), np.sin(phase)], axis=2)
-        return (Motion(along(self.axis), columns.reshape(len(position), -1)),)
+        moved = (
+            ErrorMotion(self.axis, own_component(self.axis))  # type: ignore[arg-type]
+            if axis.rotary
+            else along(self.axis)
+        )
+        return (Motion(moved, columns.reshape(len(position), -1)),)
+
+    def _period(self, machine: Machine, nonlinear: Mapping[str, float]) -> float:
+        """The period, mm or rad."""
+        if self.period is None:
+            return nonlinear["period"]
+        return float(np.deg2rad(self.period)) if machine.axis(self.axis).rotary else self.period
 
     def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
         """The ends of the travel."""
@@ -146,12 +181,12 @@ class Cyclic(Effect):
 
     def repeats(self, machine: Machine, nonlinear: Mapping[str, float]) -> dict[str, float]:
         """The period."""
-        return {self.axis: nonlinear["period"] if self.period is None else self.period}
+        return {self.axis: self._period(machine, nonlinear)}
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Cyclic]:
-        """Each linear axis that moved, its period to be found; a wave, and one that is no sine."""
-        for axis in (a for a in machine.structure.linear if a in coverage.moving):
+        """Each axis that moved, its period to be found; a wave, and one that is no sine."""
+        for axis in (a for a in machine.structure.axes if a in coverage.moving):
             for harmonics in (1, 2):
                 if coverage.shows(axis, 2 * harmonics + 1):
                     yield cls(axis=axis, harmonics=harmonics)

@@ -139,12 +139,13 @@ class RotaryPositioning(RotaryMotion):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[RotaryPositioning]:
-        """Each rotary axis that moved; where it does not turn around, also as a curve.
+        """Each rotary axis that moved, also once a turn; where it does not turn around, a curve.
 
         Within part of a turn waves imitate one another, with amplitudes that no ring has.
         """
         moving = [a for a in machine.structure.rotary if a in coverage.moving]
         yield from (cls(axis=a) for a in moving)
+        yield from (cls(axis=a, harmonics=1) for a in moving)
         for axis in (machine.axis(a) for a in moving):
             if 2.0 * axis.half_travel < WHOLE_TURN:
                 yield cls(axis=axis.name, shape="spline:4")
