@@ -320,6 +320,7 @@ ROWS: tuple[Row, ...] = (
         {"A1": 2e-5, "B1": -1e-5},
         lambda w: {"E_CC": np.real((2e-5 + 1e-5j) * np.exp(36j * w.q["C"]))},
         nonlinear={"period": 2.0 * math.pi / 36.0},
+        machine=FIVE_AXIS,
         spec="cyclic of a worm",
     ),
     Row("backlash", {"axis": "Z"}, {"b": 0.012}, lambda w: {"E_ZZ": 0.006 * w.s["Z"]}),
