@@ -18,6 +18,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.diagnosis.next_measurement.practicable import Proposal, practicable, rows_at
 from abbe.compcore.diagnosis.screening.pool import WeighedCandidate
@@ -91,6 +92,8 @@ def advise(
             for proposal, apart in zip(proposals, separated, strict=True)
         ]
     advice = [a for a in advice if a.separation > a.separation_now + _TELLS]
+    at_hand = _at_hand(result.problem.campaign, proposals)
+    advice = [a for a in advice if a.what in at_hand] or advice
     line = {p.what: p.line or p.what for p in proposals}
     if advice:
         effort = {p.what: p.effort for p in proposals}
@@ -107,9 +110,11 @@ def advise(
         ]
     if not result.problem.model.terms:
         return []  # nothing yet to be sharpened
-    bounds = [known.falls_at_most(new.model[rows]) for rows in new.slices]
+    bounds = np.array([known.falls_at_most(new.model[rows]) for rows in new.slices])
+    own = np.array([p.what in at_hand for p in proposals])
+    bounds = np.where(own, bounds, -1.0)
     plain: list[Advice] = []
-    for i in np.argsort(-np.round(bounds, 3), kind="stable"):
+    for i in np.argsort(-np.round(bounds, 3), kind="stable")[: int(own.sum())]:
         if len(plain) >= most and plain[most - 1].uncertainty_falls_by >= bounds[i]:
             break
         fall = known.falls_by(new.model[new.slices[i]])
@@ -117,6 +122,16 @@ def advise(
         plain.sort(key=lambda a: -round(a.uncertainty_falls_by, 3))
         plain = _first_of_each(plain, line)
     return plain[:most]
+
+
+def _at_hand(campaign: Campaign, proposals: Sequence[Proposal]) -> set[str]:
+    """The proposals for which the campaign's own instruments do.
+
+    Who measured with levels or an autocollimator alone has these; a laser has optics for angles.
+    """
+    angles = bool((campaign.kind == Kind.ROTATION).all())
+    own = {p.what for p in proposals if not angles or (p.rows.kind == Kind.ROTATION).all()}
+    return own or {p.what for p in proposals}
 
 
 def _first_of_each(advice: Sequence[Advice], line: Mapping[str, str]) -> list[Advice]:
