@@ -98,7 +98,7 @@ def first(found: Diagnosis) -> str:
         (
             # gravity that pulls from the side would do the same, on a mount that lies down
             lambda c, b: about("Z", c + 9e-5 * math.cos(c - 0.7)) @ about("Y", b),
-            "rotary_positioning axis=C",
+            "rotary_positioning axis=C harmonics=1",
         ),
     ],
     ids=["leaning", "not square", "collimation", "gravity", "zero of B", "eccentric graduation"],

@@ -185,8 +185,13 @@ class Cyclic(Effect):
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Cyclic]:
-        """Each axis that moved, its period to be found; a wave, and one that is no sine."""
+        """Each axis that moved, its period to be found; a wave, and one that is no sine.
+
+        Of rotary ones those that turn around: within part of a turn few waves are a curve.
+        """
         for axis in (a for a in machine.structure.axes if a in coverage.moving):
+            if machine.axis(axis).rotary and 2.0 * machine.axis(axis).half_travel < WHOLE_TURN:
+                continue
             for harmonics in (1, 2):
                 if coverage.shows(axis, 2 * harmonics + 1):
                     yield cls(axis=axis, harmonics=harmonics)

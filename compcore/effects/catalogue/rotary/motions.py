@@ -145,10 +145,11 @@ class RotaryPositioning(RotaryMotion):
         """
         moving = [a for a in machine.structure.rotary if a in coverage.moving]
         yield from (cls(axis=a) for a in moving)
-        yield from (cls(axis=a, harmonics=1) for a in moving)
         for axis in (machine.axis(a) for a in moving):
             if 2.0 * axis.half_travel < WHOLE_TURN:
                 yield cls(axis=axis.name, shape="spline:4")
+            else:
+                yield cls(axis=axis.name, harmonics=1)
 
 
 @register
