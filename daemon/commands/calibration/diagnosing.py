@@ -16,14 +16,17 @@ from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.revise import with_effect
 from abbe.compcore.sentences import said
 from abbe.compcore.units import in_digits
 from abbe.daemon.answers.inputs import load
 from abbe.daemon.answers.model import expected_times as expected
+from abbe.daemon.answers.model.revise import as_text
 from abbe.daemon.answers.typed import Adding
+from abbe.daemon.arguments.assignments import split_assignments
 from abbe.daemon.calibration.asking import AskPerson
-from abbe.daemon.commands.model.add import add
 from abbe.daemon.commands.model.fit import fit
+from abbe.daemon.commands.model.next_version import NextVersion
 from abbe.daemon.progress import shown
 from abbe.daemon.report.model.diagnosis import said_in_the_shop
 
@@ -87,10 +90,12 @@ def complete_model(
                 )
             ):
                 continue
-            add(model, spec, [campaign], following, robust=bool(found.strays))
+            lines = add(model, spec, campaign, following, robust=bool(found.strays))
             added = load_model(following)
             hidden = _hidden_wave(added, spec, measured.conditions) or _unsure(added, spec)
             if not hidden:
+                for line in lines:
+                    say(line)
                 break
             following.unlink()
             say(said("{spec} is not added: {why}", spec=spec, why=hidden))
@@ -103,6 +108,19 @@ def complete_model(
     write_atomically(out, model.read_bytes())
     say(said("written: {file}, which is {model}", file=out, model=model.name))
     return "; ".join(f"established, and left out: {spec}; {why}" for spec, why in doubted.items())
+
+
+def add(model: Path, spec: str, campaign: Path, out: Path, *, robust: bool) -> list[str]:
+    """Write a model with one effect more, fitted; the lines of ``abbe add``, not said yet."""
+    version = NextVersion(model, [campaign], [], out, None, robust)
+    version.checked(force=False, as_json=False)
+    revision, effect = version.refitted(lambda old: with_effect(old, *_named(spec)), adds=True)
+    return [*as_text(revision, effect), version.written]
+
+
+def _named(spec: str) -> tuple[str, dict[str, str]]:
+    name, *keys = spec.split()
+    return name, split_assignments(keys)
 
 
 def _without_strays(model: Path, campaign: Path, out: Path) -> Path:

@@ -60,11 +60,12 @@ def found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> list[Effect]:
         ]
         return SimpleNamespace(established=tuple(left), strays=())
 
-    def add(model: Path, spec: str, _: list[Path], out: Path, *, robust: bool) -> None:
+    def add(model: Path, spec: str, _: Path, out: Path, *, robust: bool) -> list[str]:
         assert not robust
         chosen = [e for e in causes if e.spec == spec]
         sd = UNSURE.get(spec)
         save(out, *load_model(model).effects, *chosen, sd=sd)
+        return [f"written: {spec}"]
 
     monkeypatch.setattr(diagnosing, "diagnose", diagnose)
     monkeypatch.setattr(diagnosing, "diagnosis_words", lambda *_: ())
@@ -98,6 +99,9 @@ def test_a_wave_that_even_steps_cannot_tell_is_not_added(
     assert added == {PLAY.spec}
     assert f"{SHORT.spec} is not added: X was read every 20 mm" in said
     assert {p.name for p in tmp_path.glob("fitted-*")} == {"fitted-2.toml"}
+    # nobody is told of a file that is gone
+    assert f"written: {SHORT.spec}" not in said
+    assert f"written: {PLAY.spec}" in said
 
 
 def test_a_wave_that_they_tell_is_added(tmp_path: Path, found: list[Effect]) -> None:
