@@ -331,7 +331,7 @@ def figure_with_u(test: LineTest, figure: str, factor: float, coverage: float) -
 def shown_with(shown: float, expanded: float) -> str:
     """A figure with its U, both in the unit of people; alone where no cause of the budget acts.
 
-    R is the scatter itself, which a budget does not count twice: it has no U to be stated.
+    R is scatter, which a budget does not count twice, and reversal error: without this it has no U.
     """
     if expanded < _ROUND_OFF:
         return in_digits(shown if abs(shown) > _ROUND_OFF else 0.0, 3)

@@ -339,7 +339,8 @@ def _budget(page: Page, found: Verification) -> None:
         "Standard uncertainties of each figure after, by cause: the instrument's scale; the "
         "thermal expansion of the length (coefficient and temperature); what means of few runs "
         "are unsure by; the line of the instrument beside that of the axis. The scatter itself is "
-        "in A and R by their definition: R, which is nothing else, has no U."
+        "in A and R by their definition and does not count twice: of R the reversal error alone "
+        "is unsure."
     )
     rows: list[list[str | float | None]] = []
     for one in found.lines:

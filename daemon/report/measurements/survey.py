@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -17,7 +18,7 @@ from abbe.compcore.planning.targets import SurveyTask
 from abbe.daemon.answers.measurements.plan import AFTER, BEFORE
 from abbe.daemon.answers.measurements.survey import MEANING, runs_words
 from abbe.daemon.report.head import PageHead, facts_of, file_on_page
-from abbe.daemon.report.page import Page, number
+from abbe.daemon.report.page import Page, number, typeset
 
 F64 = NDArray[np.float64]
 
@@ -50,19 +51,19 @@ def page(plan: SurveyPlan, model: Path) -> Page:
     left = [plan.before * 1e3, *(step.after * 1e3 for step in plan.steps)]
     made.figure(
         figure([line(steps, left, mode="lines+markers")], "set-ups done", "left, µm",
-               yaxis={"type": "log"}),
+               xaxis={"dtick": 1 + len(plan.steps) // 12}, yaxis=_decades(left)),
         "What is uncertain over the volume after each set-up.",
     )  # fmt: skip
     made.section("What stays undetermined")
     made.notes([str(one) for one in plan.left] or ["nothing that would be felt in the volume"])
     if plan.presets is not None:
         made.section("The same time spent otherwise, with the instruments that it needs")
-        rows: list[list[str | float]] = [["this plan", plan.after * 1e3]]
-        rows += [[PRESETS[key].title, v * 1e3] for key, v in plan.presets.items()]
-        made.table(["", "Left, µm"], rows, digits=3)
+        rows = [["this plan", number(plan.after * 1e3, 3)]]
+        rows += [[PRESETS[key].title, number(v * 1e3, 3)] for key, v in plan.presets.items()]
+        made.table(["", "Left, µm"], rows)
     for step in plan.steps[:_MOST_PICTURES]:
         setup = step.setup
-        made.section(f"{setup.name}: {setup.what}")
+        made.section(f"{setup.name}: {typeset(setup.what)}")
         made.text(
             f"{setup.instrument.title}, {setup.count} targets, {runs_words(step)}, tool "
             f"{setup.tool} {tuple(setup.offset)}, {setup.seconds / 60.0:.0f} min; unknown: "
@@ -80,16 +81,23 @@ def _row(step: PlanStep) -> list[str | float | int | None]:
     setup = step.setup
     return [
         setup.name,
-        setup.what,
+        typeset(setup.what),
         setup.instrument.title,
         setup.count,
         runs_words(step),
         setup.tool,
         setup.seconds / 60.0,
-        step.before * 1e3,
-        step.after * 1e3,
+        number(step.before * 1e3, 3),
+        number(step.after * 1e3, 3),
         "",
     ]
+
+
+def _decades(values: Sequence[float]) -> dict[str, Any]:
+    """A logarithmic axis on which every number is written whole: 1, 2, 5, 10, …"""
+    low, high = (int(np.floor(np.log10(max(v, 1e-9)))) for v in (min(values), max(values)))
+    ticks = [one * 10.0**power for power in range(low, high + 1) for one in (1.0, 2.0, 5.0)]
+    return {"type": "log", "tickvals": ticks, "ticktext": [f"{tick:g}" for tick in ticks]}
 
 
 def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
@@ -121,6 +129,8 @@ def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
         )  # fmt: skip
     scene = {
         "aspectmode": "data",
+        # from far enough that no scale is cut off at the picture's edge
+        "camera": {"eye": dict.fromkeys("xyz", 1.45), "center": {"x": 0.0, "y": 0.0, "z": -0.15}},
         **{f"{k}axis": {"title": {"text": f"{k.upper()}, mm"}} for k in "xyz"},
     }
     return figure(traces, scene=scene, height=480, showlegend=True)

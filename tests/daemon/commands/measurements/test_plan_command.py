@@ -6,6 +6,7 @@ import pytest
 
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import read_plan
+from abbe.daemon.report.page import number
 from tests.support.daemon.command_line import abbe
 from tests.support.daemon.pages import packed
 
@@ -36,8 +37,11 @@ def test_a_plan_its_page_and_its_file_say_the_same(model, tmp_path):
     assert work.tools == {"P": (0.0, 0.0, -80.0)}
     text = page.read_text("utf-8")
     for setup in found["setups"]:
-        assert setup["what"] in text
+        assert setup["what"].replace("-", "−") in text
+        # three digits also of what is small beside the rest
+        assert f"<td>{number(setup['after_um'], 3)}</td>" in text
     assert "keep out" in packed(text, "figures")
+    assert '"ticktext"' in packed(text, "figures")
 
 
 def test_a_preset_is_planned_as_it_is(model):
