@@ -21,6 +21,7 @@ from abbe.compcore.files.text.write_target import WriteTarget
 Say = Callable[[str], None]
 """Tells the user a line."""
 
+_NEW_NAME = "a new name; --force overwrites it"
 _LOOKED_AT = 1 << 16
 """Bytes from which a file's kind is recognised."""
 _SHOWN = 40
@@ -84,6 +85,7 @@ def check_outputs(
     *,
     force: bool,
     as_json: bool = False,
+    way_out: str = _NEW_NAME,
 ) -> Say:
     """Refuse outputs that would destroy something.
 
@@ -97,6 +99,8 @@ def check_outputs(
         Also over a file of another kind, never over an input.
     as_json
         Whether the answer on standard output is JSON.
+    way_out
+        What the message says can be done about a file of another kind.
 
     Returns
     -------
@@ -133,7 +137,7 @@ def check_outputs(
             )
         _refuse_second(path, None if before is None else Path(before.name))
         taken[identity] = _Taken(str(path), read=False)
-        require_kind(path, target, kind, force=force)
+        require_kind(path, target, kind, force=force, way_out=way_out)
     if to_stdout and as_json:
         raise InputError(
             "standard output cannot take both that file and the JSON answer",
@@ -257,7 +261,7 @@ def require_kind(
     kind: OutputKind,
     *,
     force: bool,
-    way_out: str = "a new name; --force overwrites it",
+    way_out: str = _NEW_NAME,
 ) -> None:
     """Refuse a file that is there and of another kind.
 

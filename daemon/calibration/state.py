@@ -56,6 +56,7 @@ class _StateDocument(BaseModel):
     configuration: str
     steps: dict[str, StepRecord]
     asked: dict[str, Annotated[str, Field(max_length=1000)]] = {}
+    begun: bool = False
 
 
 @dataclass
@@ -72,12 +73,15 @@ class CalibrationState:
         Step → its record.
     asked
         What the page *Calibrate* of the workbench was asked for: time, tools, … as text.
+    begun
+        Whether a step was begun: what lies in the folder since then is the calibration's.
     """
 
     folder: Path
     configuration: Path
     steps: dict[str, StepRecord] = field(default_factory=dict)
     asked: dict[str, str] = field(default_factory=dict)
+    begun: bool = False
 
     @classmethod
     def read(cls, folder: Path, configuration: Path) -> CalibrationState:
@@ -105,7 +109,8 @@ class CalibrationState:
                 found=found.configuration,
                 expected=f"{configuration.resolve()}, or another --folder",
             )
-        return cls(folder, configuration, dict(found.steps), dict(found.asked))
+        begun = found.begun or bool(found.steps)
+        return cls(folder, configuration, dict(found.steps), dict(found.asked), begun)
 
     def done(
         self,
@@ -150,6 +155,30 @@ class CalibrationState:
         )  # fmt: skip
         self._write()
 
+    def begin(self, makes: Iterable[Path]) -> None:
+        """Record that this calibration writes into the folder from now on.
+
+        Parameters
+        ----------
+        makes
+            All files that it will write.
+
+        Raises
+        ------
+        InputError
+            Where one of them is there although nothing was begun, and when it cannot be written.
+        """
+        if self.begun:
+            return
+        for path in makes:
+            if os.path.lexists(path):
+                raise InputError(
+                    "is there already, and this calibration did not make it", file=path,
+                    expected="another --folder, or the file elsewhere",
+                )  # fmt: skip
+        self.begun = True
+        self._write()
+
     def ask_for(self, asked: Mapping[str, str]) -> None:
         """Keep what is asked for; raises `InputError` when it cannot be written."""
         self.asked = dict(asked)
@@ -161,6 +190,7 @@ class CalibrationState:
             "configuration": str(self.configuration.resolve()),
             "steps": {name: record.model_dump() for name, record in self.steps.items()},
             **({"asked": self.asked} if self.asked else {}),
+            **({"begun": True} if self.begun and not self.steps else {}),
         }
         text = json.dumps(document, ensure_ascii=False, indent=1)
         write_atomically(self.folder / STATE_NAME, text + "\n")

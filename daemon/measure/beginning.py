@@ -58,9 +58,12 @@ def begun(
     InUseError
         When somebody else measures into this file, or has a line that cannot be shared.
     """
-    check_outputs([plan, config], [(out, CAMPAIGN)], force=False)
+    # a campaign is never overwritten: there is no --force
+    wanted, way_out = [(out, CAMPAIGN)], "a new name"
+    check_outputs([plan, config], wanted, force=False, way_out=way_out)
     configuration = load_config(config)
-    check_outputs([plan, config, configuration.model_path], [(out, CAMPAIGN)], force=False)
+    reads = [plan, config, configuration.model_path]
+    check_outputs(reads, wanted, force=False, way_out=way_out)
     machine = configuration.model.machine
     work = read_plan(plan, machine)
     setups = chosen(work, names, plan)

@@ -84,6 +84,16 @@ def test_a_foreign_file_is_overwritten_with_force_only(shop: Path, task: str, co
     assert out.read_bytes() != content
 
 
+def test_a_measurement_writes_over_nothing_and_offers_nothing_of_the_kind(tmp_path: Path):
+    for name in ("plan.toml", "config.toml", "notes.csv"):
+        (tmp_path / name).write_text("my notes\n")
+    words = ["measure", "--yes", *(str(tmp_path / n) for n in ("plan.toml", "config.toml"))]
+    refused(
+        [*words, "-o", str(tmp_path / "notes.csv")], tmp_path, "is something else", "a new name"
+    )
+    assert "--force" not in abbe(*words, "-o", tmp_path / "notes.csv").err
+
+
 @pytest.mark.parametrize("task", TASKS)
 @pytest.mark.parametrize("empty", [True, False])
 def test_a_file_of_its_own_kind_is_overwritten(shop: Path, task: str, empty: bool):

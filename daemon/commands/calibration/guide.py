@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import chain
 
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.sentences import as_it_stands, said
@@ -14,7 +15,13 @@ from abbe.daemon.calibration.state import (
     make_folder,
     one_at_a_time,
 )
-from abbe.daemon.calibration.step import StepNow
+from abbe.daemon.calibration.step import (
+    CHECK_TARGETS,
+    LIVE,
+    NOT_VERIFIED,
+    TARGETS,
+    StepNow,
+)
 from abbe.daemon.commands.calibration.judging import NOTHING_CHECKED
 from abbe.daemon.commands.calibration.steps import steps_of
 
@@ -81,9 +88,12 @@ def _through(
     request: CalibrationRequest, say: Callable[[str], None], ask: AskPerson, upto: str
 ) -> bool:
     state = CalibrationState.read(request.folder, request.config)
-    names = [step.name for step in steps_of(request, state, say, ask)]
+    every = list(steps_of(request, state, say, ask))
+    names = [step.name for step in every]
     if upto and upto not in names:
         raise InputError("no such step", field="upto", found=upto, expected=", ".join(names))
+    later = map(request.file, (TARGETS, CHECK_TARGETS, LIVE, NOT_VERIFIED))
+    state.begin(chain(later, *(step.makes for step in every)))
     for number in range(1, len(names) + 1):
         # anew: a step may hang on what came out of those before it
         step = list(steps_of(request, state, say, ask))[number - 1]

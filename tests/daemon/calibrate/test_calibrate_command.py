@@ -64,6 +64,26 @@ def test_it_stops_goes_on_and_does_nothing_twice(config):
     assert (folder / "plan.toml").read_text() != text
 
 
+@pytest.mark.parametrize("name", ["start.toml", "live.toml", "certificate.html"])
+def test_what_lay_in_the_folder_before_is_never_written_over(config, name):
+    folder = config.parent / "c"
+    folder.mkdir()
+    (folder / "notes.txt").write_text("nobody's business\n")
+    (folder / name).write_text("mine\n")
+    done = calibrate(config, "--upto", "start")
+    assert done.status == 1
+    assert f"{folder / name}: is there already, and this calibration did not make it" in done.err
+    assert {p.name for p in folder.iterdir()} == {"notes.txt", name}
+    assert (folder / name).read_text() == "mine\n"
+    # out of the way, it begins; killed before its first step was noted, it goes on
+    (folder / name).unlink()
+    assert calibrate(config, "--upto", "start").status == 0
+    state = json.loads((folder / "calibration.json").read_text("utf-8"))
+    state |= {"steps": {}, "begun": True}
+    (folder / "calibration.json").write_text(json.dumps(state), "utf-8")
+    assert calibrate(config, "--upto", "start").status == 0
+
+
 def test_another_feed_or_another_time_at_a_target_makes_the_program_anew_and_nothing_else(config):
     folder = config.parent / "c"
 
