@@ -228,6 +228,7 @@ class Campaign:
         }
         runs = np.zeros(c.n, dtype=np.int64) if c.run is None else c.run
         duration = max((float(np.ptp(c.time[runs == run])) for run in np.unique(runs)), default=0.0)
+        parts = [c.time[c.stretches == one] for one in np.unique(c.stretches)]
         return Coverage(
             moving,
             reversing,
@@ -239,9 +240,10 @@ class Campaign:
             bool(np.ptp(c.tool, axis=0).any()) if c.n else False,
             self._setup_surveys(),
             len(np.unique(runs)),
-            _interval([c.time[runs == run] for run in np.unique(runs)]),
+            _interval(parts),
             even_steps(c),
             places(c),
+            max((float(np.ptp(t)) for t in parts), default=0.0),
         )
 
     def _setup_surveys(self) -> dict[str, SetupCoverage]:

@@ -73,6 +73,8 @@ class Coverage:
         shorter than two of it is not told from a longer one.
     places
         Axis → at how many places it was read.
+    stretch
+        From the first to the last row between which no night lies, s (the longest such).
     """
 
     moving: frozenset[str] = frozenset()
@@ -88,6 +90,7 @@ class Coverage:
     interval: float = 0.0
     steps: Mapping[str, float] = field(default_factory=dict)
     places: Mapping[str, int] = field(default_factory=dict)
+    stretch: float = 0.0
 
     def shows(self, axis: str, numbers: int) -> bool:
         """Whether an axis was read at places enough to see a form with so many numbers.

@@ -28,9 +28,10 @@ def join_campaigns(campaigns: Sequence[Campaign]) -> Campaign:
     taken: dict[str, set[str]] = {"setups": set(), "bases": set(), "tools": set()}
     parts = [_renamed(c, taken) for c in campaigns]
     runs: list[NDArray[np.int64]] = []
+    stretches: list[NDArray[np.int64]] = []
     for part in parts:
-        run = _run(part)
-        runs.append(run - run.min() + (runs[-1].max() + 1 if runs else 0))
+        for numbers, own in ((runs, _run(part)), (stretches, part.conditions.stretches)):
+            numbers.append(own - own.min() + (numbers[-1].max() + 1 if numbers else 0))
     table = [part.conditions for part in parts]
     axes = list(table[0].positions)
     reversing = list(dict.fromkeys(a for c in table for a in c.directions))
@@ -44,6 +45,7 @@ def join_campaigns(campaigns: Sequence[Campaign]) -> Campaign:
         signals={s: np.concatenate([c.signals[s] for c in table]) for s in everywhere},
         spindle_angle=_spindle(table),
         run=np.concatenate(runs),
+        stretch=np.concatenate(stretches),
         setup=np.concatenate([_names(c.setup, c.n) for c in table]),
         u=np.concatenate([np.zeros((c.n, 3)) if c.u is None else c.u for c in table]),
         base=np.concatenate([_names(c.base, c.n) for c in table]),

@@ -71,7 +71,8 @@ LAGGING = ("ambient", "coolant", "spindle", "speed", "load", "screw", "other")
 def lag_parameter(duration: float = 20_000.0, interval: float = 0.0) -> NonlinearParameter:
     """The time constant of a first-order lag (s), to be fitted.
 
-    `duration`: how long the campaign ran, s. A lag much longer than that looks like a drift.
+    `duration`: how long the campaign ran without a night, s. A lag much longer than that looks
+    like a drift.
     `interval`: time from reading to reading, s. One that is shorter looks like none; beside the
     signal itself it would be its derivative.
     """
@@ -107,9 +108,9 @@ class LaggedEffect(Effect):
         """Time constants that the campaign is long enough to show."""
         if self.tau != "fit":
             return ()
-        if coverage.duration <= 0.0:
+        if coverage.stretch <= 0.0:
             return (lag_parameter(),)
-        return (lag_parameter(coverage.duration, coverage.interval),)
+        return (lag_parameter(coverage.stretch, coverage.interval),)
 
     def lag(self, nonlinear: Mapping[str, float]) -> float | None:
         """The time constant in force, s; None for no lag."""

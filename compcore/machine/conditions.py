@@ -102,6 +102,9 @@ class Conditions:
         Angle of a spindle in brackets, shape (n,), rad; the tool's offset turns with it.
     run
         Shape (n,): rows of different runs (campaigns) have separate clocks. None: one run.
+    stretch
+        Shape (n,): rows between which no night without readings lies share a number
+        (`stretches_between_nights`); bodies begin each anew. None: a stretch is a run.
     setup, u
         For effects of the instrument: set-up name of each row, shape (n,), and the unit vector
         of the measured component in machine axes, shape (n, 3). None outside campaigns.
@@ -123,6 +126,7 @@ class Conditions:
     signals: Mapping[str, F64] = field(default_factory=dict)
     spindle_angle: F64 | None = None
     run: NDArray[np.int64] | None = None
+    stretch: NDArray[np.int64] | None = None
     setup: NDArray[np.str_] | None = None
     u: F64 | None = None
     base: NDArray[np.str_] | None = None
@@ -254,7 +258,7 @@ class Conditions:
     def lag(self, name: str, tau: float) -> F64:
         """A signal behind a first-order lag of time constant `tau` (s), shape (n,).
 
-        Equilibrium with its first sample at the start of each run (`lag`). In a run without a
+        Equilibrium with its first sample at the start of each stretch (`lag`). In a run without a
         clock, all of it at one time, every row is in equilibrium with its own sample.
         """
         key = (name, tau)
@@ -278,11 +282,18 @@ class Conditions:
         straight: F64 = amended(lagged)
         return straight
 
+    @property
+    def stretches(self) -> NDArray[np.int64]:
+        """The number of each row's stretch (`stretch`), or run, (n,)."""
+        if self.stretch is not None:
+            return self.stretch
+        return np.zeros(self.n, dtype=np.int64) if self.run is None else self.run
+
     @cached_property
     def _clocks(self) -> list[tuple[NDArray[np.int64], Clock]]:
-        """The rows of each run in which time goes on, and their clock."""
-        runs = np.zeros(self.n, dtype=np.int64) if self.run is None else self.run
-        found = (np.flatnonzero(runs == run) for run in np.unique(runs))
+        """The rows of each stretch in which time goes on, and their clock."""
+        stretches = self.stretches
+        found = (np.flatnonzero(stretches == one) for one in np.unique(stretches))
         return [(rows, Clock.of(self.time[rows])) for rows in found if np.ptp(self.time[rows]) > 0]
 
     def cached(self, key: Hashable, source: F64, make: Callable[[], F64]) -> F64:
@@ -406,6 +417,7 @@ class Conditions:
             signals=pick(self.signals),
             spindle_angle=None if self.spindle_angle is None else self.spindle_angle[index],
             run=None if self.run is None else self.run[index],
+            stretch=None if self.stretch is None else self.stretch[index],
             setup=None if self.setup is None else self.setup[index],
             u=None if self.u is None else self.u[index],
             base=None if self.base is None else self.base[index],

@@ -130,7 +130,7 @@ def check_readings(model: Model, campaign: Campaign) -> CheckReadings:
     campaign = _in_order(campaign)
     check = _checks(campaign.conditions.time)
     # a check's past is not known: its thermometers have been where they are for long
-    conditions = replace(campaign.conditions, run=check)
+    conditions = replace(campaign.conditions, run=check, stretch=None)
     if campaign.tools:
         offsets = {name: np.array(tool.offset) for name, tool in campaign.tools.items()}
         conditions = with_tools(conditions, campaign.tool_name, offsets)

@@ -45,6 +45,9 @@ class GrowingModel:
         Effect → after how many steps it was refused.
     regressed
         After how many steps a regression on all thermometers was last asked; −1: never.
+    together
+        The sets of thermometers that were asked beside what is there, each once: taken out again
+        as the others say it too, they would come back for ever.
     """
 
     def __init__(
@@ -62,6 +65,7 @@ class GrowingModel:
         self.described: list[Effect] = []
         self._strays: list[Stray] = []
         self.regressed = -1
+        self.together: set[frozenset[str]] = set()
         result = fit(model, campaign)
         self.make("began", None, result, LeftOutErrors.of(result))
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
+from abbe.compcore.campaign.nights import stretches_between_nights
 from abbe.compcore.campaign.zeros import with_zeros
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_csv.believable import Believable
@@ -279,15 +280,17 @@ class CampaignRows:
         spindle = None
         if columns.spindle:
             spindle = np.deg2rad(_carried(numbers[columns.spindle].take()))
+        # no clock is made of the order of rows
+        time = _carried(numbers["time"].take()) if "time" in columns else np.zeros(n)
         conditions = Conditions(
             positions=positions,
             directions={a: numbers[c].take() for a, c in columns.directions.items()},
             tool=self._tools(tool_name),
-            # no clock is made of the order of rows
-            time=_carried(numbers["time"].take()) if "time" in columns else np.zeros(n),
+            time=time,
             signals={c: _carried(numbers[c].take()) for c in columns.signals},
             spindle_angle=spindle,
             run=np.zeros(n, dtype=np.int64),
+            stretch=stretches_between_nights(time),
             setup=self._names["setup"].take(),
             u=u,
             base=self._names["base"].take(),

@@ -57,14 +57,12 @@ class RunStart:
 
     def rows(self, conditions: Conditions) -> NDArray[np.bool_]:
         """The rows of this run, (n,)."""
-        if conditions.run is None:
-            return np.full(conditions.n, self.run == 0)
-        return np.asarray(conditions.run == self.run)
+        return np.asarray(conditions.stretches == self.run)
 
 
 def runs_with_a_clock(conditions: Conditions) -> Iterator[tuple[int, NDArray[np.int64]]]:
-    """The runs in which time goes on: number and rows."""
-    runs = np.zeros(conditions.n, dtype=np.int64) if conditions.run is None else conditions.run
+    """The runs, or their stretches between nights, in which time goes on: number and rows."""
+    runs = conditions.stretches
     for run in np.unique(runs).tolist():
         rows = np.flatnonzero(runs == run)
         if np.ptp(conditions.time[rows]) > 0.0:
