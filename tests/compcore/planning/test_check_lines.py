@@ -9,12 +9,14 @@ import numpy as np
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.overlap import SAME_TARGET, overlap
 from abbe.compcore.planning.check_lines import plan_check
+from abbe.compcore.planning.check_placings import placings
 from abbe.compcore.planning.instruments import INSTRUMENTS, instruments_called
 from abbe.compcore.planning.plan import campaign_of
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.setups.lines import axis_lines
 from abbe.compcore.planning.setups.points import gauge_blocks
 from abbe.compcore.planning.targets import SurveyTask
+from abbe.compcore.verification.fitted import FittedPart, fitted_lines
 from tests.compcore.planning.test_check_placings import HOUR, five_axes
 
 LASER = INSTRUMENTS["laser"]
@@ -70,3 +72,14 @@ def test_targets_driven_to_again_are_the_same_within_a_tenth_of_a_millimetre() -
     assert overlap(fitted, again).setups == ()
     assert overlap(fitted, again, SAME_TARGET).setups == ("t0", "t1")
     assert overlap(fitted, other, SAME_TARGET).setups == ()
+    assert fitted_lines(again, task.model, fitted) == dict.fromkeys(("t0", "t1"), FittedPart.POINTS)
+    assert fitted_lines(other, task.model, fitted) == {}
+
+
+def test_a_circle_that_was_driven_is_not_driven_again() -> None:
+    task, bar = five_axes(), INSTRUMENTS["ball-bar"]
+    circles = list(placings(task, bar))
+    done = as_indicated(task, circles[:1], 0.05)
+    for fitted, old in ((None, True), (done, False)):
+        check = plan_check(task, [bar], 4.0 * HOUR, fitted, runs=1)
+        assert (circles[0].what in {s.setup.what for s in check.steps}) is old

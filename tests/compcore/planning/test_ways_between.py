@@ -21,28 +21,42 @@ from abbe.compcore.planning.targets import SurveyTask
 TOOL = np.array([0.0, 0.0, -150.0])
 RADIUS = 40.0
 TALL = KeepOut((100.0, 100.0, -600.0), (600.0, 800.0, -20.0))
+AMIDST = KeepOut((300.0, 200.0, -600.0), (400.0, 700.0, -20.0))
 """As tall as the tool can be drawn back: nothing goes over it."""
 
 
-def corners() -> tuple[Machine, list[PlannedSetup]]:
-    """Positioning of Z in two opposite corners of a bridge."""
+def corners(
+    places: tuple[tuple[float, float], ...] = ((0.02, 0.02), (0.98, 0.98)),
+) -> tuple[Machine, list[PlannedSetup]]:
+    """Positioning of Z in two places of a bridge, parts of its travels."""
     travels = {"X": (0.0, 700.0), "Y": (0.0, 900.0), "Z": (-360.0, 0.0)}
     machine = Machine(
         "bridge", Structure.parse("w b Y X Z t"), {a: Axis(a, t) for a, t in travels.items()}
     )
     task = SurveyTask(Model(machine), tools={"P": tuple(TOOL)})
-    lines = axis_lines(task, INSTRUMENTS["laser"], ((0.02, 0.02), (0.98, 0.98)))
+    lines = axis_lines(task, INSTRUMENTS["laser"], places)
     return machine, [replace(s, name=f"z{i}") for i, s in enumerate(lines) if s.axis == "Z"]
 
 
-def test_a_box_that_nothing_passes_over_is_gone_around() -> None:
+@pytest.mark.parametrize(
+    ("box", "places"),
+    [
+        (TALL, ((0.02, 0.02), (0.98, 0.98))),
+        # one axis after the other would not do: both stand at the same Y
+        (AMIDST, ((0.02, 0.5), (0.98, 0.5))),
+        (AMIDST, ((0.02, 0.6), (0.98, 0.6))),
+    ],
+)
+def test_a_box_that_nothing_passes_over_is_gone_around(
+    box: KeepOut, places: tuple[tuple[float, float], ...]
+) -> None:
     """Sampled densely, apart from the box's own arithmetic. Before, such a plan had no program."""
-    machine, setups = corners()
+    machine, setups = corners(places)
     assert len(setups) == 2
-    low, high = np.array(TALL.low) - RADIUS, np.array(TALL.high) + RADIUS
+    low, high = np.array(box.low) - RADIUS, np.array(box.high) + RADIUS
     at: dict[str, float] = {}
     inside = 0
-    for step in steps_of(machine, setups, WorkingSpace((TALL,), radius=RADIUS)):
+    for step in steps_of(machine, setups, WorkingSpace((box,), radius=RADIUS)):
         if step.kind != "move":
             continue
         new = at | dict(step.at)

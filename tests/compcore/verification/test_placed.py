@@ -4,11 +4,19 @@ from __future__ import annotations
 
 import json
 import math
+from html import unescape
 from pathlib import Path
 from typing import Any
 
 import pytest
 
+from abbe.compcore.verification.verdict import VerdictOutcome, check_verdict
+from abbe.daemon.answers.measurements.verified_files import (
+    VerifiedFiles,
+    fitted_campaigns,
+    named_model,
+)
+from abbe.daemon.commands.measurements.verify import judge
 from tests.support.daemon.command_line import abbe
 from tests.support.daemon.verified_line import HEAD, SCALE, fitted
 
@@ -117,6 +125,20 @@ def test_ranges_within_their_own_uncertainty_prove_nothing(tmp_path: Path) -> No
     found = json.loads(done.out)["verdict"]
     assert found["outcome"] == "not verified"
     assert "unsure by is more than" in found["reasons"][0]
+
+
+@pytest.mark.parametrize("why", ["", "what no set-up showed is not known"])
+def test_a_doubt_about_what_was_found_is_in_the_verdict_and_in_the_certificate(
+    tmp_path: Path, why: str
+) -> None:
+    """Of a calibration whose ranges are as foretold, where the model knows little of the rest."""
+    named = named_model(fitted(tmp_path))
+    files, page = VerifiedFiles((ball_bar(tmp_path / "bar.csv"),)), tmp_path / "page.html"
+    done = judge(named, fitted_campaigns(named), files, (), None, page, doubt=lambda _: why)
+    found = check_verdict(done.verification)
+    assert found.outcome is (VerdictOutcome.OPEN if why else VerdictOutcome.VERIFIED)
+    assert not why or found.reasons[0] == why
+    assert (f"not verified: {why}" in unescape(page.read_text("utf-8"))) is bool(why)
 
 
 U_RANGE = 2.0 * math.sqrt(2.0) * 0.3
