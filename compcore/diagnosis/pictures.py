@@ -40,11 +40,13 @@ def diagnosis_figures(findings: Findings) -> dict[str, Callable[[], Figure]]:
     rows = np.flatnonzero(campaign.kind == Kind.DISPLACEMENT)
     u = campaign.conditions.u
     if rows.size and u is not None:
-        if fills_a_volume(campaign.functional_moves()[rows]):
+        places = _places(findings, rows)
+        if fills_a_volume(places):
             made[IN_VOLUME] = partial(_in_volume, findings, rows, u[rows])
-        else:
+        elif np.ptp(places, axis=0).any():
             made[ON_LINE] = partial(_on_line, findings, rows)
-        made[OVER_TIME] = partial(_over_time, findings, rows, u[rows])
+        if campaign.clocked:
+            made[OVER_TIME] = partial(_over_time, findings, rows, u[rows])
     for i, established in enumerate(findings.established, start=1):
         made[f"cause {i}"] = partial(_cause, findings, established)
     for i, structure in enumerate(findings.structure, start=1):
@@ -54,14 +56,18 @@ def diagnosis_figures(findings: Findings) -> dict[str, Callable[[], Figure]]:
     return made
 
 
-def _in_volume(findings: Findings, rows: Index, u: F64) -> Figure:
+def _places(findings: Findings, rows: Index) -> F64:
+    """Where the functional point stood, (n, 3), mm: of an arm its joints turn it there."""
     result = findings.result
-    point = result.problem.observation(result.theta).chain.point[rows]
-    return _vectors(point, u, result.residual[rows] * 1e3)
+    return result.problem.observation(result.theta).chain.point[rows]
+
+
+def _in_volume(findings: Findings, rows: Index, u: F64) -> Figure:
+    return _vectors(_places(findings, rows), u, findings.result.residual[rows] * 1e3)
 
 
 def _on_line(findings: Findings, rows: Index) -> Figure:
-    place = findings.result.problem.campaign.functional_moves()[rows]
+    place = _places(findings, rows)
     k = int(np.argmax(np.ptp(place, axis=0)))
     marker = {"size": 4, "color": COLOURS[0]}
     traces = [points(place[:, k], findings.result.residual[rows] * 1e3, "residuals", marker=marker)]

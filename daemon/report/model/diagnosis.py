@@ -53,6 +53,9 @@ TITLES = {
 }
 
 
+MORE_THAN_NOISE = said("More than noise is left, of which no cause can be established")
+"""Title of a model that the catalogue adds nothing to, and that leaves more than was stated."""
+
 DESCRIBED = said("Nothing more is missing; part of it is described, not explained")
 """Title of a model that leaves noise because formulas describe the rest."""
 
@@ -100,7 +103,9 @@ def verdict_title(diagnosis: Diagnosis) -> Sentence:
 
 
 def _title(diagnosis: Diagnosis) -> Sentence:
-    """The verdict's title; that nothing is missing is not said of what a formula describes."""
+    """The verdict's title; that nothing is missing is not said where more than noise is left."""
+    if diagnosis.verdict == "complete" and diagnosis.whole.misfit:
+        return MORE_THAN_NOISE
     if diagnosis.verdict == "complete" and described(diagnosis):
         return DESCRIBED
     return TITLES[diagnosis.verdict]
@@ -147,21 +152,22 @@ def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
 
 
 def _where(out: Page, figures: Mapping[str, Callable[[], Figure]]) -> None:
-    if OVER_TIME not in figures:
+    if not {ON_LINE, IN_VOLUME, OVER_TIME} & set(figures):
         return
     out.section("Where")
     if ON_LINE in figures:
         out.figure(figures[ON_LINE](), "Residuals along the one line on which all places lie.")
-    else:
+    if IN_VOLUME in figures:
         out.figure(
             figures[IN_VOLUME](),
             "Residuals in the volume: each line points along the measured direction and is as long "
             "as the residual, enlarged. Turn the picture with the mouse.",
         )
-    out.figure(
-        figures[OVER_TIME](),
-        "Residuals over time, by measured direction: a slope or a wave in time is no noise.",
-    )
+    if OVER_TIME in figures:
+        out.figure(
+            figures[OVER_TIME](),
+            "Residuals over time, by measured direction: a slope or a wave in time is no noise.",
+        )
 
 
 def _why(out: Page, diagnosis: Diagnosis, figures: Mapping[str, Callable[[], Figure]]) -> None:

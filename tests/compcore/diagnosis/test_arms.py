@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from abbe.compcore.comparison.compare import compare
+from abbe.compcore.diagnosis.pictures import IN_VOLUME, OVER_TIME
 from abbe.compcore.diagnosis.stepwise.to_the_verdict import to_the_verdict
+from abbe.compcore.diagnosis.verdict import diagnose
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.fitting.fit import fit
@@ -116,3 +118,14 @@ def test_an_arm_is_found_as_well_as_by_who_knows_what_it_lacks(tmp_path: Path) -
     assert left(found, others) <= 1.1 * left(known, others) < 0.1 * left(model, others)
     weights = [e.spec for e in found.effects if e.kind == "gravity_flexure"]
     assert "gravity_flexure axis=B2 by=B3" in weights
+
+
+def test_the_picture_of_an_arm_is_where_its_tool_stood(tmp_path: Path) -> None:
+    model, fitted, _ = measured(tmp_path, 1)
+    found = diagnose(model, read_campaign(fitted, model.machine))
+    figures = found.figures()
+    assert IN_VOLUME in figures
+    # no column says when
+    assert OVER_TIME not in figures
+    x = np.asarray(figures[IN_VOLUME]()["data"][0]["x"], dtype=float)
+    assert np.nanmax(x) - np.nanmin(x) > 500.0
