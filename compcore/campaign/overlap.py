@@ -8,7 +8,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.machine.structure import is_rotary
@@ -108,6 +107,7 @@ def _same_placing(fitted: Campaign, unseen: Campaign, name: str, axes: list[str]
 
 def _beside(fitted: Campaign, unseen: Campaign, axes: list[str], near: float) -> BoolArray:
     """Rows of the second that have one of the first beside them, read the same way."""
+    from scipy.spatial import cKDTree
 
     def scaled(campaign: Campaign) -> F64:
         points = _points(campaign, axes)

@@ -55,7 +55,7 @@ def test_values_in_mm(fitted, tmp_path):
     of_lengths = {"rows": lambda row: row["kind"] == "displacement"}
     wrong = changed(FIT, tmp_path / "mm.csv", lambda v: v / 1e3, "value", **of_lengths)
     raised = suspicions("fit", MODEL, wrong, "-o", tmp_path / "f.toml")
-    assert any("displacements vary by 0.0" in s and "written in mm?" in s for s in raised)
+    assert any("displacements vary by 0.0" in s and "were they written in mm" in s for s in raised)
     raised = suspicions("compare", fitted, wrong)
     assert any("1/1000: were mm written where µm belong" in s for s in raised)
     assert "SUSPICIOUS: " in abbe("compare", fitted, wrong).out
