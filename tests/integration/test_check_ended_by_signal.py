@@ -63,6 +63,7 @@ def rows(folder: Path) -> list[str]:
     return [ln for ln in lines if not ln.startswith("#") and ln.endswith("\n")][1:]
 
 
+@pytest.mark.thorough
 def test_ended_while_the_check_is_measured(check: tuple[SimulatedProcess, Path]) -> None:
     """SIGINT, SIGTERM, SIGKILL one after the other; what was told is kept, and nothing twice."""
     process, folder = check

@@ -165,6 +165,7 @@ def predicted(model: Model, at: np.ndarray, warm: np.ndarray) -> np.ndarray:
     return model.predict(conditions).translation
 
 
+@pytest.mark.thorough
 def test_killed_cut_stopped_a_thermometer_and_a_ball_lost_nothing_wrong_is_kept(
     small: tuple[SimulatedProcess, Path],
 ) -> None:
