@@ -46,8 +46,7 @@ class GrowingModel:
     regressed
         After how many steps a regression on all thermometers was last asked; −1: never.
     together
-        The sets of thermometers that were asked beside what is there, each once: taken out again
-        as the others say it too, they would come back for ever.
+        The sets of effects that `add_once_together` asked.
     """
 
     def __init__(
@@ -148,6 +147,17 @@ class GrowingModel:
             return False
         self.make_together("added together", "added", more, *found)
         return True
+
+    def add_once_together(self, effects: Sequence[Effect], falls: float) -> bool:
+        """As `add_together`; a set that was asked before is not asked again.
+
+        Taken out since, as the others say it too, it would come back for ever.
+        """
+        specs = frozenset(e.spec for e in effects)
+        if specs in self.together:
+            return False
+        self.together.add(specs)
+        return self.add_together(effects, falls)
 
     def make_together(
         self, before: str, last: str, more: Grown, result: FitResult, out: LeftOutErrors

@@ -149,7 +149,7 @@ def _complete_joints(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     hanging = {e.axis for e in growing.added if isinstance(e, GravityFlexure)}
     weights = [e for e in ranked if isinstance(e, GravityFlexure) and {e.axis, e.by} <= hanging]
     for effects in ((*places, *weights), tuple(places)) if weights else (tuple(places),):
-        if len(effects) > 1 and growing.add_together(effects, 1.0 - WORTH):
+        if len(effects) > 1 and growing.add_once_together(effects, 1.0 - WORTH):
             return True
     return False
 

@@ -46,11 +46,8 @@ def regress(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     """
     growing.progress("thermometers together")
     effects = jointly(diagnosis)
-    together = frozenset(e.spec for e in effects or ())
-    if effects and together not in growing.together:
-        growing.together.add(together)
-        if growing.add_together(effects, 1.0 - LEAST):
-            return True
+    if effects and growing.add_once_together(effects, 1.0 - LEAST):
+        return True
     before = growing.last.result
     warm = [e for e in growing.added if of_temperatures(e, before.model.machine)]
     if not warm or growing.regressed == len(growing.steps) or described(growing.added):
