@@ -67,7 +67,7 @@ class GravityFlexure(Effect):
     Source
         Wallace, TPOINT (tube flexure, ``TF``: proportional to the sine of the zenith distance);
         ISO/TR 16907:2015, 7.4.2. Joints that give under the weight of all links beyond: Khalil and
-        Dombre, Modeling, Identification and Control of Robots, 11.6.
+        Dombre, Modeling, Identification and Control of Robots (calibration).
     """
 
     kind = "gravity_flexure"
