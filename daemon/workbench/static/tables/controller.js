@@ -91,7 +91,8 @@ export class Controller {
     this.form.dataset.wanted = wanted;
     // somebody else may have looked meanwhile: what was typed here stays
     for (const field of this.form.querySelectorAll("input:not([type=password])")) this.typed[field.id] = field.value;
-    if (busy || (wanted && this.of !== change)) delete this.typed["write-machine"];
+    const writing = busy && !["preflight", "status"].includes(work.kind);
+    if (writing || (wanted && this.of !== change)) delete this.typed["write-machine"];
     if (wanted) this.of = change;
     keepingTyped(this.form, () => this.form.replaceChildren(...(wanted ? [this.#write(wanted === "recover" ? null : cleared, change)] : [])));
     for (const [id, value] of Object.entries(this.typed)) {
