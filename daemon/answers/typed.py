@@ -45,12 +45,14 @@ def calibrating(config: Path, folder: Path) -> str:
 class Adding:
     """What ``abbe add`` is given beside the effect: the model and the campaigns of a diagnosis.
 
-    `robust`: readings that stand alone are left out of the fit, as they were of the diagnosis.
+    `robust`: readings that stand alone are left out of the fit, as they were of the diagnosis;
+    `holdout`: campaigns that are not fitted.
     """
 
     model: Path
     campaigns: Sequence[Path]
     robust: bool = False
+    holdout: Sequence[Path] = ()
 
     @property
     def fitting(self) -> str:
@@ -61,6 +63,7 @@ class Adding:
         """The command that adds an effect, with the campaign and the next version's name."""
         words = ["abbe", "add", str(self.model), *spec.split(), "--campaign"]
         words += [*map(str, self.campaigns), *(("--robust",) if self.robust else ())]
+        words += ["--holdout", *map(str, self.holdout)] if self.holdout else []
         return shlex.join([*words, "-o", str(next_version(self.model))])
 
 

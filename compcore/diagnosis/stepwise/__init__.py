@@ -2,5 +2,6 @@
 
 from abbe.compcore.diagnosis.stepwise.step import Course, Step
 from abbe.compcore.diagnosis.stepwise.to_the_verdict import to_the_verdict
+from abbe.compcore.diagnosis.stepwise.unseen import UnseenCampaign
 
-__all__ = ["Course", "Step", "to_the_verdict"]
+__all__ = ["Course", "Step", "UnseenCampaign", "to_the_verdict"]

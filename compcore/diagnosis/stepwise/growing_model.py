@@ -10,6 +10,7 @@ from abbe.compcore.diagnosis.judging.second_order import beyond_first_order
 from abbe.compcore.diagnosis.judging.soundness import apart, sound
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.stepwise.step import Step
+from abbe.compcore.diagnosis.stepwise.unseen import UnseenCampaign
 from abbe.compcore.diagnosis.strays import Stray
 from abbe.compcore.diagnosis.uncatalogued.chosen import Grown, grown
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
@@ -47,6 +48,8 @@ class GrowingModel:
         After how many steps a regression on all thermometers was last asked; −1: never.
     together
         The sets of effects that `add_once_together` asked.
+    spoiling
+        What fitted blocks asked for and the held-out campaign refused, by its specs.
     """
 
     def __init__(
@@ -55,8 +58,11 @@ class GrowingModel:
         campaign: Campaign,
         on_step: Callable[[Step], None],
         progress: Progress,
+        unseen: UnseenCampaign | None = None,
     ) -> None:
         self.campaign = campaign
+        self._unseen = unseen
+        self.spoiling: dict[tuple[str, ...], tuple[Effect, ...]] = {}
         self._on_step, self.progress = on_step, progress
         self.refused: dict[Effect, int] = {}
         self.steps: list[Step] = []
@@ -210,7 +216,10 @@ class GrowingModel:
     def better(
         self, model: Model, changed: Sequence[Effect], falls: float
     ) -> tuple[FitResult, LeftOutErrors] | None:
-        """A model's fit, and how it predicts, if left-out χ² falls to a part; else None."""
+        """A model's fit, and how it predicts, if left-out χ² falls to a part; else None.
+
+        None as well where the held-out campaign is predicted worse.
+        """
         try:
             result = fit(model, self.campaign, near=True)
         except FitError:
@@ -224,6 +233,9 @@ class GrowingModel:
         if not all(b.plausible for b in begun(result.problem, result.theta)):
             return None  # a body that began where none can have been is no body
         if not all(sound(result.model, e) for e in changed):
+            return None
+        if self._unseen is not None and self._unseen.spoilt(self.last.result.model, result.model):
+            self.spoiling[tuple(e.spec for e in changed)] = tuple(changed)
             return None
         return result, LeftOutErrors.of(result)
 

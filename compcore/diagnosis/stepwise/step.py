@@ -64,11 +64,14 @@ class Course:
         Effects that a diagnosis proposed and that predict left-out blocks no better.
     diagnosis
         Of the last model.
+    spoiling
+        Effects, or sets of them, with which the held-out campaign is predicted worse.
     """
 
     steps: tuple[Step, ...]
     refused: tuple[Effect, ...]
     diagnosis: Diagnosis
+    spoiling: tuple[tuple[Effect, ...], ...] = ()
 
     @property
     def last(self) -> Step:

@@ -15,6 +15,7 @@ from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.stepwise.describing import describe
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, Progress
 from abbe.compcore.diagnosis.stepwise.step import Course, Step
+from abbe.compcore.diagnosis.stepwise.unseen import UnseenCampaign
 from abbe.compcore.diagnosis.stepwise.warmth import (
     MOST_TRIED,
     bodies,
@@ -43,7 +44,9 @@ def to_the_verdict(
     model: Model,
     campaign: Campaign,
     *,
+    unseen: UnseenCampaign | None = None,
     on_step: Callable[[Step], None] = lambda _: None,
+    again: Callable[[Step], None] = lambda _: None,
     progress: Progress = lambda _: None,
 ) -> Course:
     """Add what the diagnosis establishes until it establishes nothing more.
@@ -54,8 +57,13 @@ def to_the_verdict(
         Where to begin; it may have no effects at all.
     campaign
         The measurements.
+    unseen
+        A campaign that is never fitted; None without one. Where it ends predicted surely worse
+        than on the way, all is begun anew, and what predicts it worse is refused.
     on_step
         Called with every step as soon as it is made.
+    again
+        Called before all is begun anew, with the step after which it was predicted best.
     progress
         Called with a few words at the start of each stage.
 
@@ -65,7 +73,15 @@ def to_the_verdict(
         As `diagnose`.
     """
     with threads_for(campaign.n * _COLUMNS):
-        return _followed(GrowingModel(model, campaign, on_step, progress))
+        course = _followed(GrowingModel(model, campaign, on_step, progress))
+        if unseen is None:
+            return course
+        models = [step.result.model for step in course.steps]
+        best = unseen.best(models)
+        if not unseen.spoilt(models[best], models[-1]):
+            return course
+        again(course.steps[best])
+        return _followed(GrowingModel(model, campaign, on_step, progress, unseen))
 
 
 def _followed(growing: GrowingModel) -> Course:
@@ -101,7 +117,10 @@ def _followed(growing: GrowingModel) -> Course:
             diagnosis = growing.diagnosed()
     kept = set(growing.steps[-1].result.model.effects)
     refused = tuple(e for e in growing.refused if e not in kept)
-    return Course(tuple(growing.steps), refused, diagnosis)
+    spoiling = tuple(s for s in growing.spoiling.values() if not kept.issuperset(s))
+    named = {e for s in spoiling for e in s}
+    refused = tuple(e for e in refused if e not in named)
+    return Course(tuple(growing.steps), refused, diagnosis, spoiling)
 
 
 def _add_another(growing: GrowingModel, diagnosis: Diagnosis) -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
@@ -11,15 +11,14 @@ from typing import Any
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.comparison.compare import compare
-from abbe.compcore.diagnosis.hidden_waves import hidden_waves
-from abbe.compcore.diagnosis.stepwise import Course, Step, to_the_verdict
+from abbe.compcore.diagnosis.stepwise import Course, Step, UnseenCampaign, to_the_verdict
+from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.model_file import save_model
 from abbe.compcore.files.model_toml.campaign_record import campaign_records, noise_by_file
 from abbe.compcore.files.model_toml.fit_record import recorded
-from abbe.compcore.model.course import peak_to_valley, play
-from abbe.compcore.model.model import Model, Term
-from abbe.compcore.units import in_digits, read_in, with_uncertainty
+from abbe.compcore.model.model import Model
+from abbe.compcore.units import in_digits
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
 from abbe.daemon.answers.model.held_out import HeldOutCampaigns, shares
@@ -38,9 +37,6 @@ _SAID = {
     "set aside": "left out, as nothing measured beside agrees: {0}",
 }
 
-_NOTHING = 1e-9
-"""µm, µrad: a standard uncertainty below this is none, the value a convention."""
-
 
 def _what(step: Step) -> str:
     """The effect of a step, or the readings."""
@@ -52,8 +48,6 @@ def _what(step: Step) -> str:
 
 
 _LISTED = 3
-_SINGLE = 3
-"""Coefficients of a shape that say something one by one."""
 
 
 @dataclass(frozen=True)
@@ -153,6 +147,7 @@ class ReachedModel:
             "steps": [s.as_json for s in self.steps],
             "holdout_shares": shares(self.held_out),
             "not_kept": [e.spec for e in self.course.refused],
+            "refused_by_holdout": [[e.spec for e in s] for s in self.course.spoiling],
         }
 
 
@@ -180,17 +175,54 @@ def reach(
         Called with a line for every step, as soon as it is made.
     progress
         Called with a few words at the start of each stage.
+
+    Raises
+    ------
+    InputError
+        When the held-out campaigns lack a signal that a cause may turn out to read.
     """
     unseen = None if held_out is None else held_out.campaign
+    if unseen is not None:
+        _require_the_same_signals(unseen, campaign, model)
     steps: list[StepFigures] = []
 
     def on_step(step: Step) -> None:
         steps.append(StepFigures.of(step, unseen))
         say(steps[-1].line)
 
-    course = to_the_verdict(model, campaign, on_step=on_step, progress=progress)
+    def again(best: Step) -> None:
+        one, last = StepFigures.of(best, unseen), steps[-1]
+        say(
+            f"the held-out campaigns end predicted worse ({in_digits(last.unseen or 0.0)} "
+            f"{last.unit}) than on the way ({in_digits(one.unseen or 0.0)} {one.unit}): "
+            "once more, and what predicts them worse is refused"
+        )
+        steps.clear()
+
+    course = to_the_verdict(
+        model,
+        campaign,
+        unseen=None if unseen is None else UnseenCampaign(unseen, compare),
+        on_step=on_step,
+        again=again,
+        progress=progress,
+    )
     written = write(course, steps, noise, unseen, out)
     return ReachedModel(course, tuple(steps), written, held_out)
+
+
+def _require_the_same_signals(unseen: Campaign, fitted: Campaign, model: Model) -> None:
+    for signal in fitted.conditions.signals:
+        if signal not in model.machine.signals or signal in unseen.conditions.signals:
+            continue
+        files = unseen.lacking.get(signal) or tuple(unseen.files) or (unseen.name,)
+        raise InputError(
+            "a held-out campaign lacks a signal of the fitted ones, and a cause may read it",
+            file=files[0],
+            field=signal,
+            found=", ".join(unseen.conditions.signals) or "no signals",
+            expected=f"a column '{signal}', or go on without --holdout",
+        )
 
 
 def write(
@@ -224,66 +256,3 @@ def write(
         model = replace(kept, fit={**kept.fit, **extra})
     save_model(model, out)
     return model
-
-
-def as_text(course: Course, model: Model) -> Iterator[str]:
-    """What was refused, and the model that was reached."""
-    for effect in course.refused:
-        yield f"not kept, left-out blocks are not predicted better with it: {effect.spec}"
-    units = _units(course)
-    for term in model.terms:
-        if size := _shape(course, model, term):
-            yield f"  {term.effect.spec}: {size}"
-            continue
-        shown = []
-        for name, value in list(term.values.items())[:5]:
-            if not value.measured:
-                shown.append(f"{name} not measured")
-                continue
-            unit, factor = units[term.effect.spec][name]
-            sd = (value.sd or 0.0) * factor
-            if sd < _NOTHING:
-                shown.append(f"{name} = {_plain(value.value * factor)} {unit}, by convention")
-                continue
-            shown.append(f"{name} = {with_uncertainty(value.value * factor, sd)} {unit}")
-        more = len(term.values) - len(shown)
-        yield f"  {term.effect.spec}: {', '.join(shown)}" + (f" and {more} more" if more else "")
-        nonlinear = term.nonlinear(model.machine)
-        conditions = course.last.result.problem.campaign.conditions
-        for words in hidden_waves(term.effect, nonlinear, model.machine, conditions):
-            yield f"    {words}"
-
-
-def _shape(course: Course, model: Model, term: Term) -> str:
-    """An error motion of many coefficients by what its curve shows; empty for what is none."""
-    axis = getattr(term.effect, "axis", None)
-    at = course.last.result.problem.campaign.conditions.positions.get(axis or "")
-    if at is None or len(term.values) <= _SINGLE:
-        return ""
-    low, high = float(at.min()), float(at.max())
-    size = peak_to_valley(term, model.machine, low, high)
-    reversal = play(term, model.machine, low, high)
-    if size is None and reversal is None:
-        return ""
-    unit, factor = _units(course)[term.effect.spec][next(iter(term.values))]
-    turn, mm = (180.0 / math.pi, "°") if model.machine.axis(axis or "").rotary else (1.0, " mm")
-    over = f"{in_digits(low * turn, 4)} … {in_digits(high * turn, 4)}{mm}"
-    if reversal is not None:
-        least, greatest = (in_digits(b * factor) for b in reversal)
-        curve = f"{least} … {greatest} {unit} of play"
-    else:
-        curve = f"{in_digits((size or 0.0) * factor)} {unit} peak to valley"
-    return f"{curve} over {axis} {over}, {len(term.values)} coefficients"
-
-
-def _units(course: Course) -> dict[str, dict[str, tuple[str, float]]]:
-    layout = course.last.result.problem.layout
-    effects = course.last.result.problem.model.effects
-    return {
-        effect.spec: {u.name: read_in(u) for u in layout.unknowns[where]}
-        for effect, where in zip(effects, layout.terms, strict=True)
-    }
-
-
-def _plain(value: float) -> str:
-    return in_digits(value, 4) if abs(value) > _NOTHING else "0"

@@ -57,6 +57,7 @@ def diagnose(
     from abbe.compcore.diagnosis.words import diagnosis_words
     from abbe.compcore.errors import InputError
     from abbe.daemon.answers.inputs import load
+    from abbe.daemon.answers.model import applied_words
     from abbe.daemon.answers.model import apply as applied
     from abbe.daemon.answers.model import diagnose as diagnosed
     from abbe.daemon.answers.model import expected_times as expected
@@ -98,7 +99,12 @@ def diagnose(
         if measure_next:
             tell("what to measure next")
         advice = found.advice if measure_next else ()
-    adding = Adding(model if out is None else out, campaigns, robust=bool(found.strays))
+    adding = Adding(
+        model if out is None else out,
+        campaigns,
+        robust=bool(found.strays),
+        holdout=holdout or (),
+    )
     if report is not None:
         from abbe.daemon.report.head import file_on_page, head_of
         from abbe.daemon.report.model.diagnosis import page
@@ -112,11 +118,14 @@ def diagnose(
         say(json.dumps(answer, ensure_ascii=False))
         return
     if reached is not None:
-        for line in applied.as_text(reached.course, reached.model):
+        for line in applied_words.as_text(reached.course, reached.model):
             say(line)
         say("")
     for line in diagnosis_words(found, noise, advice, adding.command, adding.fitting):
         say(line)
+    if reached is not None and (refused := applied_words.still_refused(reached.course)):
+        say("")
+        say(refused)
     if written := [str(path) for path in (out, report) if path is not None]:
         say(said("written: {files}", files=", ".join(written)))
 

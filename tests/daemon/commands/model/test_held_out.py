@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.support.compcore.lathe_days import LATHE, lathe_days
 from tests.support.daemon.command_line import abbe
 
 DATA = Path(__file__).parents[3] / "data" / "p01-mill"
@@ -127,3 +128,25 @@ def test_the_add_that_diagnose_prints_gives_what_is_printed_beside_it(tmp_path):
         assert got == pytest.approx(value["value"], abs=0.1 * value["sd"])
     again = re.search(r"^   add it: (abbe add .*)$", abbe("diagnose", model, FIT).out, re.M)[1]
     assert "my mill-3.toml" in again, "what was written is not overwritten"
+
+
+def test_apply_says_what_the_held_out_campaign_refused(tmp_path: Path) -> None:
+    model, fitted, other = (tmp_path / n for n in ("lathe.toml", "fit.csv", "other.csv"))
+    model.write_text(LATHE, encoding="utf-8")
+    fitted.write_text(lathe_days(1, alone=False), encoding="utf-8")
+    other.write_text(lathe_days(2, alone=True), encoding="utf-8")
+    command = ("diagnose", model, fitted, "--apply", "--no-measure-next", "--holdout")
+    done = abbe(*command, other, "-o", tmp_path / "m.toml")
+    assert done.status == 0
+    said = "not kept, the held-out campaigns are predicted worse with it: thermal_offset"
+    assert said in done.out
+    assert "verify the model with another campaign" in done.out
+    assert "the fitted campaigns ask for it, the held-out ones are predicted worse" in done.out
+    answer = json.loads(abbe(*command, other, "-o", tmp_path / "n.toml", "--json").out)
+    assert any("cabinet" in spec for specs in answer["refused_by_holdout"] for spec in specs)
+    lacks = written(tmp_path / "lacks.csv", *parts(other))
+    lacks.write_text(lacks.read_text().replace(",cabinet\n", ",box\n"), encoding="utf-8")
+    done = abbe(*command, lacks, "-o", tmp_path / "o.toml")
+    assert done.status == 1
+    assert "lacks.csv, field 'cabinet'" in done.err
+    assert not (tmp_path / "o.toml").exists()
