@@ -132,6 +132,15 @@ class Comparison(Shown):
             if part.freedom > 0.5
         )
 
+    def estimated(self, part: ComparedRows) -> bool:
+        """Whether a part's uncertainty is made of what is left of it: its χ² then says nothing."""
+        angles = part is self.rotations
+        return "residuals" in {
+            source
+            for kind, source in self.uncertainty.source.items()
+            if (kind == Kind.ROTATION) == angles
+        }
+
     @cached_property
     def sides(self) -> list[SideDifference]:
         """What differs between the two sides from which an axis came, the largest first."""
@@ -149,19 +158,22 @@ class Comparison(Shown):
     def verdict(self) -> Iterator[str]:
         """Whether the model holds, what stands out, and the next command."""
         parts = joined(
-            said(
+            said("{what} are off by {size} {unit} rms", **off)
+            if self.estimated(part)
+            else said(
                 "{what} are off by {size} {unit} rms (χ²/dof {chi2})",
-                what=name,
-                size=in_digits(part.rms * factor),
-                unit=unit,
+                **off,
                 chi2=in_digits(part.chi2_per_dof),
             )
             for part, name, unit, factor in self._parts()
             if part.n
+            for off in [{"what": name, "size": in_digits(part.rms * factor), "unit": unit}]
         )
         if self.uncertainty.open:
             yield said(
-                "Whether this is noise is open, the campaign states none; {parts}.", parts=parts
+                "Whether this is noise is open: the campaign states no uncertainty, and too little "
+                "was measured twice; {parts}.",
+                parts=parts,
             )
         elif self.holds:
             yield said("The model holds: what is left is noise; {parts}.", parts=parts)

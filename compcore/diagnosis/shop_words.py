@@ -78,6 +78,12 @@ SHOP_WORDS: Mapping[str, str] = {
 }
 """Kind of an effect → what it does; `size` is the largest error of it that is seen."""
 _TILT_BETWEEN = "{axis} leans about {about} when {signals} differ, {size} at the tool"
+_TURNED: Mapping[str, str] = {
+    "overhang_sag": "{by} sags as it reaches out: {size}",
+    "thermal_tilt": "{axis} leans about {about} when {signals} changes: {size}",
+}
+"""Likewise where what is seen of it is an angle: it has no place at the tool, and no direction."""
+_TURNED_BETWEEN = "{axis} leans about {about} when {signals} differ: {size}"
 _UNDER = "{axis} gives way under what {by} carries: {size}"
 _ASKEW = "The line of {axis} leans, or its zero is off: {size}"
 
@@ -115,7 +121,9 @@ def in_the_shop(
     if effect.kind == "rotary_location" and {u for _, u in values} == {"rad"}:
         template = _ASKEW
     if effect.kind == "thermal_tilt" and len(where.get("signals") or ()) == 2:
-        template = _TILT_BETWEEN
+        template = _TURNED_BETWEEN if unit == "µrad" else _TILT_BETWEEN
+    elif unit == "µrad":
+        template = _TURNED.get(effect.kind, template)
     if effect.kind == "gravity_flexure" and "by" in where:
         template = _UNDER
     first, second = [*(where.get("axes") or ()), "", ""][:2]
@@ -139,4 +147,5 @@ def kinds_said() -> frozenset[str]:
 
 def templates() -> frozenset[str]:
     """Everything that `in_the_shop` may say."""
-    return frozenset([*SHOP_WORDS.values(), _TILT_BETWEEN, _UNDER, _ASKEW, "{what}"])
+    others = (_TILT_BETWEEN, *_TURNED.values(), _TURNED_BETWEEN, _UNDER, _ASKEW, "{what}")
+    return frozenset([*SHOP_WORDS.values(), *others])

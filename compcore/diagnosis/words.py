@@ -107,7 +107,9 @@ def diagnosis_words(
         floor=said("noise floor {floor} {unit}", floor=f"{floor * factor:.2f}", unit=unit)
         if floor is not None
         else said("noise floor unknown (no repeats)"),
-        noise=said("χ² per degree of freedom {chi2}", chi2=f"{diagnosis.whole.chi2_per_dof:.3f}")
+        noise=said(
+            "χ² per degree of freedom {chi2}", chi2=in_digits(diagnosis.whole.chi2_per_dof, 4)
+        )
         if uncertainty_stated(diagnosis)
         else NO_UNCERTAINTY,
     )

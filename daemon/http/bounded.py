@@ -26,11 +26,17 @@ class BoundedProtocol(H11Protocol):
     _stalled: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.Transport) -> None:  # type: ignore[override]
-        """Take a connection, unless there are too many."""
+        """Take a connection; of too many the one goes that has owed its request for longest."""
         super().connection_made(transport)
         if len(self.connections) > MOST:
-            transport.abort()
-            return
+            # who asks something says it at once: only who drips, or is silent, still owes
+            owing = [c for c in self.connections if isinstance(c, BoundedProtocol) and c._head]
+            longest = min(owing, key=lambda c: c._owed_by(), default=self)
+            longest.transport.abort()
+            if longest is self:
+                return
+            # it is counted until the loop has ended it; the next one ends another
+            self.connections.discard(longest)
         self._wait_for_a_head()
 
     def data_received(self, data: bytes) -> None:
@@ -65,6 +71,10 @@ class BoundedProtocol(H11Protocol):
     def _wait_for_a_head(self) -> None:
         if self._head is None:
             self._head = self.loop.call_later(HEAD_WITHIN, self.transport.abort)
+
+    def _owed_by(self) -> float:
+        """When its head has to be there."""
+        return self._head.when() if self._head is not None else float("inf")
 
     @staticmethod
     def _end(timer: asyncio.TimerHandle | None) -> None:

@@ -85,7 +85,8 @@ def _digest(digest: str) -> str:
 def file_on_page(part: str, path: str | Path) -> FileOnPage:
     """A file as it is now; without SHA-256 where it is not there."""
     try:
-        return FileOnPage(part, str(path), hashlib.sha256(Path(path).read_bytes()).hexdigest())
+        with Path(path).open("rb") as file:
+            return FileOnPage(part, str(path), hashlib.file_digest(file, "sha256").hexdigest())
     except OSError:
         return FileOnPage(part, str(path), "")
 

@@ -14,7 +14,10 @@ from abbe.compcore.campaign.measuring_conditions import STATED
 from abbe.compcore.diagnosis.explain import page_sentences
 from abbe.compcore.diagnosis.shop_words import templates
 from abbe.compcore.effects import make_effect
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
 from abbe.daemon.application import app
+from abbe.drivers.controllers import controller_kinds, make_controller
 from tests.support.compcore.catalogue import ROWS
 from tests.support.daemon.german import as_pattern
 
@@ -194,6 +197,20 @@ def test_a_language_has_the_lines_of_abbe_table(path: Path, tmp_path: Path) -> N
     own = re.compile(r"csv, [\w+-]+ [\d. ]+")
     bare = [line for line in lines if not own.fullmatch(line)]
     assert [line for line in bare if not any(p.fullmatch(line) for p in patterns)] == []
+
+
+@pytest.mark.parametrize("path", LANGUAGES, ids=lambda path: path.stem)
+def test_a_language_has_what_is_done_at_each_controller(path: Path) -> None:
+    """What its numbers mean, and how its tables get to act."""
+    patterns = [as_pattern(text) for text in words_of(path)[1]]
+    bridge = Machine("", Structure.parse("w b X Y Z t"), {a: Axis(a, (0.0, 500.0)) for a in "XYZ"})
+    said = set()
+    ways: list[tuple[str, dict[str, str]]] = [(kind, {}) for kind in controller_kinds()]
+    for kind, options in (*ways, ("twincat-isg", {"form": "axes"})):
+        controller = make_controller(kind, bridge, options)
+        said |= {controller.sign, *controller.activation()}
+    assert len(said) > 60
+    assert [text for text in sorted(said) if not any(p.fullmatch(text) for p in patterns)] == []
 
 
 def test_what_is_text_of_a_script_is_translated() -> None:

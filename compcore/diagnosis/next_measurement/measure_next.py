@@ -191,9 +191,15 @@ class _Known:
         if self._signature is None:
             return 0.0, [0.0] * len(new.slices)
         theta = self._result.theta
-        other = self._result.eliminator.project(_columns(self._result.problem, rival, theta))
+        whole = _columns(self._result.problem, rival, theta)
+        other = self._result.eliminator.project(whole)
+        own_new = new.columns(rival)
         size = np.linalg.norm(other, axis=0)
-        size[size == 0.0] = 1.0
+        usual = np.maximum(np.linalg.norm(whole, axis=0), np.linalg.norm(own_new, axis=0))
+        # what is 0 at every target, or goes into the instruments' placing, is left as rounding
+        hidden = size <= _ROUNDING * usual
+        other[:, hidden] = 0.0
+        size[hidden] = np.where(usual[hidden] > 0.0, usual[hidden], 1.0)
         columns = np.hstack([self._model, other / size])
         information, moment = columns.T @ columns, columns.T @ self._signature
         values, vectors = np.linalg.eigh(information)
@@ -203,7 +209,7 @@ class _Known:
         total = float(self._signature @ self._signature)
         nothing = _ROUNDING * total
         now = total - float(imitated @ imitated)
-        every = np.hstack([new.model, new.columns(rival) / size])
+        every = np.hstack([new.model, own_new / size])
         by_seen, by_unseen = every @ seen, every @ unseen
         missed = new.signature - by_seen @ imitated
         found = []

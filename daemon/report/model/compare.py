@@ -81,7 +81,7 @@ def comparison_page(comparison: Comparison, head: PageHead) -> Page:
 
 def verdict_title(comparison: Comparison) -> str:
     """Whether the model holds, and if not, the most that is wrong, in the shop's words."""
-    if comparison.sides and not comparison.holds:
+    if comparison.sides and (comparison.uncertainty.open or not comparison.holds):
         return comparison.sides[0].short
     if comparison.uncertainty.open:
         return said("What the model leaves of the measurements")
@@ -107,7 +107,7 @@ def key_figures(comparison: Comparison) -> list[tuple[str, str, str]]:
             ("95 % within", number(part.p95 * factor, 3), unit),
             ("largest", number(part.max * factor, 3), unit),
         ]
-        if math.isfinite(part.chi2_per_dof):
+        if math.isfinite(part.chi2_per_dof) and not comparison.estimated(part):
             figures.append(("χ² per degree of freedom", number(part.chi2_per_dof, 3), ""))
         level = _known(comparison, kinds)
         if level is not None and level.value is not None:

@@ -133,12 +133,17 @@ def _placed(part: Path, folder: Path, name: str, digest: str) -> Path:
             try:
                 os.close(os.open(path, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
             except FileExistsError:
-                if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == digest:
+                if path.is_file() and _digest(path) == digest:
                     return path
                 continue
             part.replace(path)
         return path
     raise InputError("too many files have this name", file=folder, found=name)
+
+
+def _digest(path: Path) -> str:
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 @contextlib.contextmanager

@@ -36,6 +36,7 @@ def compared(comparison: Comparison) -> tuple[dict[str, Any], ManyResiduals | No
     found: dict[str, Any] = {
         "title": verdict_title(comparison),
         "holds": comparison.holds,
+        "open": comparison.uncertainty.open,
         "verdict": sentences,
         "suspicions": list(comparison.suspicions),
         "fitted": fitted_note(fitted) if fitted else "",

@@ -1,6 +1,6 @@
 // The frame: what is known of the machine, what is under way, and the views.
 import {label, line, offerLanguages, t, translatePage} from "./shared/language.js";
-import {el, keepingTyped, moment, replace} from "./shared/dom.js";
+import {el, keepingTyped, moment, replace, write} from "./shared/dom.js";
 import {back, get, Lost, Outside, post, Refusal, why} from "./shared/server.js";
 import {Calibration} from "./calibration/calibrate.js";
 import {campaignsPanel, noCampaign, sendAll} from "./model/campaigns.js";
@@ -133,7 +133,7 @@ async function act(path, body) {
 
 function trouble(text) {
   const words = [label(text), told].filter(Boolean).join(" ");
-  $("trouble").textContent = words;
+  write($("trouble"), words);
   $("trouble").hidden = !words;
 }
 

@@ -9,6 +9,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import folds
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
+from abbe.compcore.diagnosis.verdict import diagnose
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.fitting.fit import fit
@@ -20,6 +21,7 @@ from benchmarks.hidden.judging.trial import as_campaign
 TARGETS = np.arange(-20.0, 21.0, 5.0)
 NOISE = 1.0
 HEAD = '# format = "abbe-campaign/1"\n# [setups.line]\n# free = ["zero"]\n'
+COLUMNS = "setup,kind,X,X_dir,ux,uy,uz,value\n"
 
 
 def machine(structure: str, **travels: tuple[float, float]) -> Model:
@@ -38,7 +40,7 @@ def runs(seed: int, model: Model, which: range) -> Campaign:
         for s in (1, -1)
         for x, e in list(zip(TARGETS, error, strict=True))[::s]
     ]
-    return as_campaign(HEAD + "setup,kind,X,X_dir,ux,uy,uz,value\n" + "".join(lines), model)
+    return as_campaign(HEAD + COLUMNS + "".join(lines), model)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -174,3 +176,20 @@ def test_part_of_a_turn_is_a_curve_and_no_waves_that_cancel() -> None:
     found = to_the_verdict(model, campaign).last.result.model
     assert {e.kind for e in found.effects} == {"rotary_positioning"}
     assert max(abs(v.value) for t in found.terms for v in t.values.values()) < 100e-6
+
+
+def test_a_rival_that_is_nothing_at_every_target_is_no_fault() -> None:
+    """Of a wave of twice the step, half is 0 wherever was read: what to measure next is said."""
+    model = machine("w b X t", X=(-20.0, 20.0))
+    rng = np.random.default_rng(4)
+    lines = [
+        f"run{run},displacement,{x},{s},1,0,0,"
+        f"{-0.03 * x - 2.0 * s + 1.2 * np.sin(2 * np.pi * x / 5.0) + rng.normal(0.0, 0.3):.4f}\n"
+        for run in range(5)
+        for s in (1, -1)
+        for x in np.linspace(-18.0, 18.0, 13)[::s]
+    ]
+    found = diagnose(model, as_campaign(HEAD + COLUMNS + "".join(lines), model))
+    rivals = [a.separates for a in found.advice]
+    assert "cyclic axis=X harmonics=2" in rivals
+    assert all(np.isfinite(a.separation) and a.separation < 1e4 for a in found.advice)

@@ -221,6 +221,17 @@ def _rest(lazy: socket.socket) -> int:
     return got
 
 
+async def test_who_owes_a_request_makes_room(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Silence on many connections shuts nobody out who says what he wants."""
+    async with served(say_ok, monkeypatch) as (_, port):
+        monkeypatch.setattr(bounded, "HEAD_WITHIN", PATIENCE)
+        silent = [await asyncio.open_connection("127.0.0.1", port) for _ in range(30)]
+        async with httpx.AsyncClient(base_url=f"http://127.0.0.1:{port}", timeout=PATIENCE) as one:
+            assert (await one.get("/")).status_code == 200
+        for _, writer in silent:
+            writer.close()
+
+
 async def test_too_many_connections(monkeypatch: pytest.MonkeyPatch) -> None:
     async def slow(_scope: Any, _receive: Any, send: Any) -> None:
         await asyncio.sleep(0.5)

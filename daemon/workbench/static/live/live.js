@@ -70,7 +70,7 @@ export class Live {
 
   #lose(words) {
     this.isLost = true;
-    this.lost.textContent = words;
+    write(this.lost, words);
     this.lost.hidden = false;
     this.node.classList.add("old");
     // what stood here last says nothing of the present: neither its words nor its colour
@@ -159,15 +159,15 @@ export class Live {
         this.words = el("figcaption", {});
         this.volume.replaceChildren(this.title, el("figure", {}, this.words, this.line));
       }
-      this.title.textContent = say(found.title);
-      this.words.textContent = say(found.words);
+      write(this.title, say(found.title));
+      write(this.words, say(found.words));
       await draw(this.line, found.figure);
       return;
     }
     if (this.space) {
       this.space.show(found.figure);
-      this.title.textContent = say(found.title);
-      this.words.textContent = say(found.words);
+      write(this.title, say(found.title));
+      write(this.words, say(found.words));
       return;
     }
     this.space = new FigureInSpace(found.figure, `${say(found.title)}. ${say(found.words)}`);

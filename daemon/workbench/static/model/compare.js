@@ -25,14 +25,14 @@ export function compareView(found, next) {
   found.panels.forEach((panel, k) => { panel.number = k; });
   const reach = reaches(found.rows, found.values);
   const verdict = el("section", {class: "verdict"},
-    el("h1", {class: found.holds ? "good" : "bad"}, say(found.title)),
+    el("h1", {class: !found.holds ? "bad" : found.open ? null : "good"}, say(found.title)),
     ...found.verdict.map((text) => el("p", {}, say(text))),
     found.unfitted ? el("p", {class: "note"}, t("No value of this model has been fitted yet: what is left is the whole error. Looking for causes fits it first.")) : null,
     found.fitted ? el("p", {class: "note"}, say(found.fitted)) : null,
     el("dl", {class: "key"}, ...found.key.map(([name, value, unit]) =>
       el("div", {}, el("dt", {}, label(name)), el("dd", {}, `${value} `, el("small", {}, unit))))),
     el("p", {}, el("button", {class: "main", id: "why", onclick: next},
-      found.holds ? t("Is anything missing? Look for causes") : t("Why? Look for causes"))),
+      found.holds && !found.open ? t("Is anything missing? Look for causes") : t("Why? Look for causes"))),
     ...found.suspicions.map((text) => el("p", {class: "warning"}, t("SUSPICIOUS: {what}", {what: say(text)}))));
   const sections = [verdict];
   for (const part of [0, 1]) {

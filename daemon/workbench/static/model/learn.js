@@ -24,7 +24,7 @@ export function learnView(found, state, act) {
   for (const s of found.structure) {
     const place = el("div", {class: "plot"});
     causes.append(el("section", {class: "card"}, el("h2", {}, t("What no cause explains")),
-      el("p", {}, s.said), place, s.spec ? el("p", {},
+      el("p", {}, say(s.said)), place, s.spec ? el("p", {},
         t("A formula describes it without explaining it: "), el("code", {}, s.spec), " ",
         add(s.spec, t("Add the formula"))) : null));
     draw(place, s.figure);
@@ -58,14 +58,14 @@ function causeCard(cause, k, add, attempt) {
     cause.instrument ? el("p", {class: "warning"},
       t("It belongs to the instrument: it never goes into the machine's compensation.")) : null,
     el("p", {}, say(cause.explanation)),
-    table("", [t("parameter"), t("fitted"), t("plausible"), t("what it is")], cause.parameters.map((row) => row.map((text, k) => (k === 3 ? label(text) : text.replace(/(^|[ (])-(?=\d)/g, "$1−"))))),
+    table("", [t("parameter"), t("fitted"), t("plausible"), t("what it is")], cause.parameters.map((row) => row.map((text, k) => (k === 3 ? label(text) : text)))),
     place,
     el("p", {class: "note"}, t("Each dot is a row: what the cause would add, and what is left without it. Means on the dashed line: it explains them.")),
     cause.aliases.length ? table(t("What this campaign cannot tell from it"),
       [t("cause"), t("what it is"), t("χ² that tells them apart (14 is certain)")], cause.aliases.map(([spec, what, apart]) => [spec, say(what), apart]),
       (i) => attempt(cause.aliases[i][0])) : null,
     el("details", {}, el("summary", {}, t("The same as a command")),
-      el("pre", {}, cause.command)));
+      el("pre", {}, el("code", {}, cause.command))));
 }
 
 function others(found, open, trial, attempt) {

@@ -111,7 +111,8 @@ export class Scatter {
   #mark(pen, i, value, size) {
     if (value === null) return;
     const [x, y, side] = [this.#px(i), this.#py(value), this.side[i] ?? 0];
-    pen.fillStyle = colours()[SIDES[side]];
+    // grey is what was before
+    pen.fillStyle = colours()[side === 0 && this.linked.before ? "third" : SIDES[side]];
     pen.beginPath();
     if (side === 0) pen.arc(x, y, 0.7 * size, 0, 7);
     else {

@@ -11,12 +11,21 @@ export function el(tag, properties = {}, ...children) {
     else if (value === true) made.setAttribute(key, "");
     else made.setAttribute(key, String(value));
   }
-  made.append(...children.filter((child) => child !== null && child !== undefined));
+  const own = TYPED.has(tag) ? (child) => child : typeset;
+  made.append(...children.filter((child) => child !== null && child !== undefined).map(own));
   return made;
 }
 
+const TYPED = new Set(["code", "option"]); // what is copied, as it was typed
+
+/** A text with true minus signs before its numbers: the commands print hyphens. */
+export function typeset(text) {
+  return typeof text === "string" ? text.replace(/(?<![^\s(])-(?=\d)/g, "−") : text;
+}
+
 /** A table of text cells; `last(i)` makes a further cell of row i. */
-export function table(title, columns, cells, last = null) {
+export function table(title, columns, found, last = null) {
+  const cells = found.map((row) => row.map(typeset));
   const numeric = columns.map((_, k) => cells.some((row) => /^[−–]?[\d.]+( (°C|K|s|%|µm|mm|bar|hPa))?$/.test(row[k])));
   const side = (k) => (numeric[k] ? "number" : null);
   // a column without a name is no heading
@@ -42,7 +51,8 @@ export function refill(place, cells) {
 
 /** Put a text where it does not stand yet. */
 export function write(node, text) {
-  if (node.textContent !== text) node.textContent = text;
+  const shown = typeset(text);
+  if (node.textContent !== shown) node.textContent = shown;
 }
 
 /** Fill a place anew where what it is made from has changed. */
@@ -135,7 +145,7 @@ function onScreen(figure) {
   const size = letters();
   const shown = JSON.parse(JSON.stringify(figure).replace(/"(#[0-9a-f]{6})"/g, (all, colour) =>
     (instead[colour] ? `"${instead[colour]}"` : all)), (key, value) =>
-    (WORDS.has(key) && typeof value === "string" ? label(value) : size > 1 && typeof value === "number" && LARGER.has(key) ? value * size : value));
+    (WORDS.has(key) && typeof value === "string" ? typeset(label(value)) : size > 1 && typeof value === "number" && LARGER.has(key) ? value * size : value));
   shown.layout.font = {size: 12 * size, ...shown.layout.font};
   return shown;
 }

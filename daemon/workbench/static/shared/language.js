@@ -33,12 +33,21 @@ export function label(text) {
 }
 
 const templates = words._sentences ?? {};
+const MOST = 20_000;
 const sentences = new Map(); // text -> what it was made of, as the server said
 
 /** Keep what an answer's sentences were made of. */
 export function know(answer) {
   for (const part of [answer, answer?.tables, answer?.work])
-    for (const [text, made] of Object.entries(part?.sentences ?? {})) sentences.set(text, made);
+    for (const [text, made] of Object.entries(part?.sentences ?? {})) {
+      sentences.delete(text);
+      sentences.set(text, made);
+    }
+  // a page may stand for weeks, and figures in sentences change: the newest are kept
+  for (const text of sentences.keys()) {
+    if (sentences.size <= MOST) break;
+    sentences.delete(text);
+  }
 }
 
 let passing = {}; // of what is said anew every second: nothing of it is kept
