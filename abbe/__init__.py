@@ -35,9 +35,12 @@ when it is first used; what is not exported here stands in the rooms of `abbe.co
 from __future__ import annotations
 
 from importlib import import_module
-from typing import TYPE_CHECKING, Any
 
+# not from typing, which takes as long to import as all else before a command catches Ctrl-C
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     from abbe.compcore.campaign.campaign import Campaign, Kind
     from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
     from abbe.compcore.comparison.compare import Comparison, compare

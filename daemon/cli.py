@@ -7,10 +7,14 @@ interrupted. Nothing is imported here before interruptions are caught.
 from __future__ import annotations
 
 import atexit
-import contextlib
 import os
 import signal
 import sys
+
+TYPE_CHECKING = False
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from types import FrameType
 
 INTERRUPTED = 130
 """128 and the number of SIGINT, as shells have it."""
@@ -18,10 +22,14 @@ INTERRUPTED = 130
 
 def main() -> None:
     """Run the command line; a user's mistake is one message, never a traceback."""
+    caught = signal.getsignal(signal.SIGINT) is signal.default_int_handler
+    if caught:
+        # while modules are imported nothing is under way that would have to be ended
+        _on_interruption(_end_at_once)
     # what is done is done: a late Ctrl-C would only tear the interpreter's end
     atexit.register(_ignore_interruptions)
     try:
-        status = _run()
+        status = _run(caught)
     except KeyboardInterrupt:
         status = INTERRUPTED
     if status == INTERRUPTED:
@@ -29,12 +37,24 @@ def main() -> None:
     sys.exit(status)
 
 
+def _end_at_once(_number: int, _frame: FrameType | None) -> None:
+    os.write(2, b"abbe: interrupted\n")
+    os._exit(INTERRUPTED)
+
+
 def _ignore_interruptions() -> None:
-    with contextlib.suppress(ValueError):
-        signal.signal(signal.SIGINT, signal.SIG_IGN)
+    _on_interruption(signal.SIG_IGN)
 
 
-def _run() -> int:
+def _on_interruption(handler: Callable[[int, FrameType | None], object] | signal.Handlers) -> None:
+    try:
+        signal.signal(signal.SIGINT, handler)
+    except ValueError:
+        # not the main thread, to which interruptions do not come
+        return
+
+
+def _run(caught: bool) -> int:
     from abbe.daemon.collector import seldom
 
     seldom()
@@ -47,7 +67,10 @@ def _run() -> int:
         install()
         from abbe.daemon.application import application
 
-        application(sys.argv[1] if len(sys.argv) > 1 else "")()
+        command = application(sys.argv[1] if len(sys.argv) > 1 else "")
+        if caught:
+            _on_interruption(signal.default_int_handler)
+        command()
         status = 0
     except SystemExit as done:
         status = done.code if isinstance(done.code, int) else int(done.code is not None)
@@ -91,6 +114,8 @@ def _elsewhere(error: Exception) -> str:
 
 
 def _tell(text: str) -> None:
-    with contextlib.suppress(OSError, ValueError, AttributeError):
+    try:
         sys.stderr.write(f"abbe: {text}\n")
         sys.stderr.flush()
+    except (OSError, ValueError, AttributeError):
+        return

@@ -18,7 +18,7 @@ from abbe.compcore.planning.planned_setup import PlannedSetup
 F64 = NDArray[np.float64]
 
 RUNS = (1, 2, 4)
-"""How often a set-up's targets may be visited each way."""
+"""How often a set-up's targets may be visited each way; the last also of all its placings."""
 _PASSES = 3
 _WORTH = 1e-3
 """Part of the variance by which an exchange must be better."""
@@ -99,6 +99,18 @@ class Candidates:
             found.append((runs * felt / (1.0 + runs * inner)).sum(axis=1))
         return np.concatenate(found) if found else np.zeros(0)
 
+    def open(self, chosen: Sequence[Chosen], seconds: float) -> NDArray[np.bool_]:
+        """Which candidates a time allows, and are not read often enough by those chosen, (c,).
+
+        What more readings in one place would average away is less than what all of them share.
+        """
+        runs = {id(c.root): 0 for c in chosen}
+        for one in chosen:
+            runs[id(one.root)] += one.setup.runs
+        most = max(self.runs)
+        room = [runs.get(id(self.roots[i]), 0) + n <= most for i, n in self.index]
+        return np.asarray(room) & (self.seconds <= seconds)
+
     def chosen(self, number: int) -> Chosen:
         """One of them."""
         i, runs = self.index[number]
@@ -146,7 +158,7 @@ def choose(
     best: tuple[float, list[Chosen]] = (start.variance, [])
     for logarithmic in (False, True):
         tell("choosing set-ups")
-        chosen, known = _greedy(candidates, start, seconds, logarithmic)
+        chosen, known = _greedy(candidates, [], start, seconds, logarithmic)
         tell("exchanging set-ups")
         chosen, known = _exchanged(candidates, chosen, known, seconds)
         if known.variance < best[0]:
@@ -155,20 +167,25 @@ def choose(
 
 
 def _greedy(
-    candidates: Candidates, known: Knowledge, seconds: float, logarithmic: bool
+    candidates: Candidates,
+    chosen: Sequence[Chosen],
+    known: Knowledge,
+    seconds: float,
+    logarithmic: bool,
 ) -> tuple[list[Chosen], Knowledge]:
-    chosen: list[Chosen] = []
-    while (candidates.seconds <= seconds).any():
+    """Set-ups more, beside those chosen, and what is then known."""
+    more: list[Chosen] = []
+    while (allowed := candidates.open([*chosen, *more], seconds)).any():
         falls = np.minimum(candidates.falls(known), known.variance * (1.0 - 1e-12))
-        falls[candidates.seconds > seconds] = 0.0
+        falls[~allowed] = 0.0
         if falls.max() <= _LEAST * known.variance:
             break
         gain = -np.log1p(-falls / known.variance) if logarithmic else falls
         best = candidates.chosen(int(np.argmax(gain / candidates.seconds)))
-        chosen.append(best)
+        more.append(best)
         known = known.with_(best.root, best.setup.runs)
         seconds -= best.setup.seconds
-    return chosen, known
+    return more, known
 
 
 def _exchanged(
@@ -177,17 +194,29 @@ def _exchanged(
     for _ in range(_PASSES):
         better = False
         for i, old in enumerate(chosen):
-            free = seconds - sum(c.setup.seconds for j, c in enumerate(chosen) if j != i)
+            others = [c for j, c in enumerate(chosen) if j != i]
+            free = seconds - sum(c.setup.seconds for c in others)
             without = known.without(old.root, old.setup.runs)
-            falls = np.where(candidates.seconds <= free, candidates.falls(without), 0.0)
+            falls = np.where(candidates.open(others, free), candidates.falls(without), 0.0)
             best = int(np.argmax(falls))
             if without.variance - falls[best] < known.variance * (1.0 - _WORTH):
                 chosen[i] = candidates.chosen(best)
                 known = without.with_(chosen[i].root, chosen[i].setup.runs)
                 better = True
+        chosen = _in_one_placing(chosen)
         left = seconds - sum(c.setup.seconds for c in chosen)
-        more, known = _greedy(candidates, known, left, False)
+        more, known = _greedy(candidates, chosen, known, left, False)
         chosen += more
         if not better and not more:
             break
-    return chosen, known
+    return _in_one_placing(chosen), known
+
+
+def _in_one_placing(chosen: Sequence[Chosen]) -> list[Chosen]:
+    """A set-up that was chosen again and again, once with all its runs: it tells the same sooner."""
+    found: dict[int, Chosen] = {}
+    for one in chosen:
+        known = found.get(id(one.root))
+        runs = one.setup.runs + (0 if known is None else known.setup.runs)
+        found[id(one.root)] = replace(one, setup=replace(one.setup, runs=runs))
+    return list(found.values())

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from string import Formatter
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.effects.base import Effect
 from abbe.compcore.linalg import svd
+from abbe.compcore.machine.error_motion import ABOUT
 from abbe.compcore.planning.choice import Knowledge
 from abbe.compcore.planning.knowledge import unknowns
 from abbe.compcore.planning.targets import SurveyTask
@@ -31,17 +34,20 @@ class Undecided:
     Attributes
     ----------
     effects
-        The effects that take part, those with most of it first.
+        The effects that take part, as they are typed, those with most of it first.
+    words
+        The same as they are said.
     size
         What a believable amount of it does over the volume, root of the mean square, mm.
     """
 
     effects: tuple[str, ...]
+    words: tuple[str, ...]
     size: float
 
     def __str__(self) -> str:
-        what: str = self.effects[0]
-        for other in self.effects[1:]:
+        what: str = self.words[0]
+        for other in self.words[1:]:
             what = said("{one} with {other}", one=what, other=other)
         size = f"{in_digits(self.size * 1e3)} µm"
         return said("{what}: {size} over the volume", what=what, size=size)
@@ -68,5 +74,39 @@ def undecided(task: SurveyTask, known: Knowledge, start: Knowledge) -> Iterator[
         order = [int(i) for i in np.argsort(-parts)]
         # of many that take part alike none has much
         most = [i for i in order if parts[i] > _SHARE * parts.sum()] or order
-        names = tuple(task.model.effects[i].spec for i in most[:3])
-        yield Undecided(names, amount)
+        named = [task.model.effects[i] for i in most[:3]]
+        yield Undecided(tuple(e.spec for e in named), tuple(map(_words, named)), amount)
+
+
+_TITLES = {
+    "positioning": "positioning of {axis} (E_{axis}{axis})",
+    "scale": "scale of {axis} (E_{axis}{axis})",
+    "straightness": "straightness of {axis} in {direction} (E_{direction}{axis})",
+    "angular": "tilt of {axis} about {about} (E_{letter}{axis})",
+    "squareness": "squareness of {first} and {second}",
+    "backlash": "play of {axis}",
+    "rotary_positioning": "angle of {axis} (E_{axis}{axis})",
+    "rotary_radial": "radial motion of {axis} in {direction} (E_{direction}{axis})",
+    "rotary_axial": "axial motion of {axis}",
+    "rotary_tilt": "tilt of {axis} about {direction} while it turns",
+    "rotary_location": "where the line of {axis} lies",
+}
+"""Kind of an effect → its name in ISO 230-1; of others as it is typed."""
+
+
+def titles() -> frozenset[str]:
+    """Everything that an undetermined effect is called."""
+    return frozenset(_TITLES.values())
+
+
+def _words(effect: Effect) -> str:
+    title = _TITLES.get(effect.kind)
+    where = effect.where()
+    if title is None:
+        return effect.spec
+    first, second = [*(where.get("axes") or ()), "", ""][:2]
+    known = {key: str(value) for key, value in where.items()}
+    known |= {"first": str(first), "second": str(second)}
+    known["letter"] = ABOUT.get(known.get("about", ""), "")
+    needed = {name for _, name, _, _ in Formatter().parse(title) if name}
+    return said(title, **{name: known[name] for name in sorted(needed)})

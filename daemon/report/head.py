@@ -145,6 +145,11 @@ def facts_of(
     return {**facts, **more}
 
 
+def facts_before(machine: Machine) -> dict[str, str]:
+    """What is known of a machine before anything is measured: neither date nor operator lacks."""
+    return {name: text for name, text in facts_of([], machine).items() if text}
+
+
 def _air(conditions: Sequence[Mapping[str, Any]], machine: Machine) -> Iterable[str]:
     """What thermometers in the air showed."""
     for name, signal in machine.signals.items():

@@ -107,6 +107,14 @@ def test_an_interruption_while_python_imports_is_one_line(shop: Path, name: str)
     assert not (shop / "out.toml").exists()
 
 
+def test_little_is_imported_before_interruptions_are_caught():
+    root = str(EXAMPLE.parents[2])
+    code = f"import sys; sys.path.insert(0, {root!r}); import abbe.daemon.cli; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-S", "-E", "-c", code], capture_output=True, check=True)
+    slow = {"typing", "contextlib", "re", "pathlib", "typer", "numpy"}
+    assert not slow & set(done.stdout.decode().split())
+
+
 @pytest.mark.parametrize(
     "task", ["fit", "import-campaign", "import-map", "correct", "compare", "remove"]
 )

@@ -16,6 +16,7 @@ from abbe.compcore.diagnosis.shop_words import templates
 from abbe.compcore.effects import make_effect
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
+from abbe.compcore.planning.undetermined import titles
 from abbe.daemon.application import app
 from abbe.drivers.controllers import controller_kinds, make_controller
 from tests.support.compcore.catalogue import ROWS
@@ -55,7 +56,7 @@ def words_of(path: Path) -> tuple[dict[str, str], dict[str, str]]:
 
 def said_somewhere() -> set[str]:
     """The template of every sentence that a command says with its parts: ``said("…", …)``."""
-    found = {*templates(), *page_sentences()}
+    found = {*templates(), *page_sentences(), *titles()}
     for folder in ("compcore", "daemon"):
         for path in (STATIC.parents[2] / folder).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text("utf-8"))):

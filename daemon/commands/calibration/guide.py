@@ -79,6 +79,10 @@ def calibrate(
     AbbeError
         When a step cannot be done; those before it stay done.
     """
+    state = CalibrationState.read(request.folder, request.config)
+    names = [step.name for step in steps_of(request, state, say, ask)]
+    if upto and upto not in names:
+        raise InputError("no such step", field="upto", found=upto, expected=", ".join(names))
     make_folder(request.folder)
     with one_at_a_time(request.folder):
         return _through(request, say, ask, upto)
@@ -90,8 +94,6 @@ def _through(
     state = CalibrationState.read(request.folder, request.config)
     every = list(steps_of(request, state, say, ask))
     names = [step.name for step in every]
-    if upto and upto not in names:
-        raise InputError("no such step", field="upto", found=upto, expected=", ".join(names))
     later = map(request.file, (TARGETS, CHECK_TARGETS, LIVE, NOT_VERIFIED))
     state.begin(chain(later, *(step.makes for step in every)))
     for number in range(1, len(names) + 1):

@@ -17,7 +17,7 @@ from abbe.compcore.planning.setups.presets import PRESETS
 from abbe.compcore.planning.targets import SurveyTask
 from abbe.daemon.answers.measurements.plan import AFTER, BEFORE
 from abbe.daemon.answers.measurements.survey import MEANING, runs_words
-from abbe.daemon.report.head import PageHead, facts_of, file_on_page
+from abbe.daemon.report.head import PageHead, facts_before, file_on_page
 from abbe.daemon.report.page import Page, number, typeset
 
 F64 = NDArray[np.float64]
@@ -29,7 +29,7 @@ def page(plan: SurveyPlan, model: Path) -> Page:
     """Lay out a plan."""
     task = plan.task
     machine = task.machine
-    head = PageHead(facts_of([], machine), [file_on_page("model", model)])
+    head = PageHead(facts_before(machine), [file_on_page("model", model)])
     made = Page(f"Plan of measurements for {machine.name or 'this machine'}", head=head)
     made.key_figures(
         [

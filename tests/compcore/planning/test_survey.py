@@ -217,3 +217,13 @@ def test_a_combination_of_many_effects_that_take_part_alike_is_named() -> None:
     found = list(undecided(aim, start, start))
     assert found
     assert all(one.effects and str(one) for one in found)
+
+
+def test_no_setup_is_planned_twice_and_none_is_read_without_end() -> None:
+    """Seen: a ball bar's six hours were one circle twice, then one circle fifteen times."""
+    plan = plan_survey(task("bridge"), instruments_called(["ball-bar"]), 6 * 3600.0)
+    whats = [step.setup.what for step in plan.steps]
+    assert len(set(whats)) == len(whats) > 3
+    assert max(step.setup.runs for step in plan.steps) <= 4
+    assert plan.left
+    assert all("axis=" not in str(one) for one in plan.left)

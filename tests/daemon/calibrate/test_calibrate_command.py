@@ -36,6 +36,13 @@ def calibrate(config, *more):
                 "--controller", "linuxcnc", "--tool", "P=0,0,-150", *more)  # fmt: skip
 
 
+def test_a_step_that_there_is_not_leaves_no_folder(config):
+    done = calibrate(config, "--upto", "WRONG")
+    assert done.status == 1
+    assert "no such step: found 'WRONG', expected start, plan, program, measure" in done.err
+    assert not (config.parent / "c").exists()
+
+
 def test_it_stops_goes_on_and_does_nothing_twice(config):
     done = calibrate(config, "--upto", "plan")
     assert done.status == 0, done.err
