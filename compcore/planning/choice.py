@@ -213,7 +213,7 @@ def _exchanged(
 
 
 def _in_one_placing(chosen: Sequence[Chosen]) -> list[Chosen]:
-    """A set-up that was chosen again and again, once with all its runs: it tells the same sooner."""
+    """A set-up that was chosen again, once with all its runs: it tells the same sooner."""
     found: dict[int, Chosen] = {}
     for one in chosen:
         known = found.get(id(one.root))
