@@ -19,6 +19,7 @@ from abbe.compcore.machine.structure import Structure
 from abbe.compcore.planning.undetermined import titles
 from abbe.daemon.application import app
 from abbe.drivers.controllers import controller_kinds, make_controller
+from abbe.drivers.transducers.base import TransducerFault
 from tests.support.compcore.catalogue import ROWS
 from tests.support.daemon.german import as_pattern
 
@@ -114,6 +115,18 @@ def with_places(node: ast.AST) -> str:
     return ""
 
 
+def sensor_faults() -> set[str]:
+    """What a transducer says of a raw number that is no measurement."""
+    found = set()
+    for path in (STATIC.parents[2] / "drivers" / "transducers").glob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text("utf-8"))):
+            if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "SensorFaultError":
+                which, detail = node.args
+                if isinstance(which, ast.Attribute) and (said := with_places(detail)):
+                    found.add(f"{TransducerFault[which.attr].value}: {said}")
+    return found
+
+
 def shown_faults() -> set[str]:
     """What those rooms say is wrong and what they expect, as a person may read it."""
     found = set()
@@ -138,8 +151,8 @@ def test_a_language_has_the_faults_that_a_page_shows(path: Path) -> None:
     words = json.loads(path.read_text("utf-8"))
     patterns = [as_pattern(text) for text in words["_labels"] | words["_sentences"]]
     typed = ("pip install", "chmod", "writable = true")
-    said = {text for text in shown_faults() if not text.startswith(typed)}
-    assert len(said) > 80
+    said = {text for text in shown_faults() if not text.startswith(typed)} | sensor_faults()
+    assert len(said) > 100
     assert sorted(text for text in said if not any(p.fullmatch(text) for p in patterns)) == []
 
 

@@ -8,7 +8,7 @@ from abbe.daemon.config import Configuration
 from abbe.daemon.upload.history.content import short
 from abbe.daemon.upload.history.upload_log import END, read_journal
 
-_COLUMNS = ["Time (UTC)", "Who", "From → to", "Outcome", "Remark"]
+_COLUMNS = ["Time (UTC)", "Who", "What", "From → to", "Outcome", "Remark"]
 _MOST = 12
 """Uploads that are listed, the newest."""
 
@@ -25,6 +25,7 @@ def past_uploads(configuration: Configuration) -> dict[str, Any]:
                 [
                     str(first["time"])[:16].replace("T", " "),
                     str(first.get("who") or "–"),
+                    "rolled back" if first.get("puts_back") else "uploaded",
                     f"{short(first['old'])} → {short(first['new'])}",
                     f"{last.get('active')} is active" if ended else f"cut off at '{last['step']}'",
                     str(first.get("note", "")),

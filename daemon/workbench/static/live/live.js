@@ -1,6 +1,6 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
 import {knowNow, label, line, say, stateOf, t} from "../shared/language.js";
-import {draw, el, fill, lasting, refill, table, write} from "../shared/dom.js";
+import {el, fill, lasting, refill, table, write} from "../shared/dom.js";
 import {get, Outside, Refusal} from "../shared/server.js";
 import {History, when} from "./history.js";
 import {FigureInSpace} from "../shared/space.js";
@@ -149,19 +149,6 @@ export class Live {
       found = await get("/api/live/volume");
     } catch (error) {
       if (error instanceof Refusal && !(error instanceof Outside) && !this.space) this.volume.lastChild.textContent = line(error.message);
-      return;
-    }
-    // of one axis: its line, with the error along it
-    if (!found.figure.layout.scene) {
-      this.line ??= el("div", {class: "plot"});
-      if (!this.line.isConnected) {
-        this.title = el("h2", {});
-        this.words = el("figcaption", {});
-        this.volume.replaceChildren(this.title, el("figure", {}, this.words, this.line));
-      }
-      write(this.title, say(found.title));
-      write(this.words, say(found.words));
-      await draw(this.line, found.figure);
       return;
     }
     if (this.space) {
