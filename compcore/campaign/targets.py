@@ -39,17 +39,18 @@ def targets(conditions: Conditions, axis: str, *, rotary: bool) -> F64:
     at = conditions.position(axis)[_one_component(conditions)]
     ordered = np.sort(at)
     gaps = np.diff(ordered)
-    by_size = np.sort(gaps)[::-1]
     alike = 0.1 * _REPEATS if rotary else _REPEATS
-    for least in by_size[: max(0, len(ordered) // _VISITS - 1)]:
-        if least <= alike:
-            break
-        parts = np.split(ordered, np.flatnonzero(gaps >= least) + 1)
-        within = max(float(np.ptp(part)) for part in parts)
+    apart = np.unique(gaps)[::-1]
+    # the greatest gap that is left within a target
+    inside = np.append(apart[1:], 0.0)
+    for least in apart[(apart > alike) & (inside <= np.minimum(alike, apart / _APART))]:
+        cuts = np.flatnonzero(gaps >= least) + 1
+        first, last = np.append(0, cuts), np.append(cuts, len(ordered)) - 1
+        within = float(np.max(ordered[last] - ordered[first]))
         # where gaps are alike there may be more
-        enough = len(ordered) >= _VISITS * len(parts)
+        enough = len(ordered) >= _VISITS * len(first)
         if enough and within <= min(alike, least / _APART):
-            return np.array([float(np.mean(part)) for part in parts])
+            return np.array([float(np.mean(part)) for part in np.split(ordered, cuts)])
     return ordered[:0]
 
 
