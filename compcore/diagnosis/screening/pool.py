@@ -22,9 +22,15 @@ from abbe.compcore.diagnosis.screening.evidence import (
 )
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut
 from abbe.compcore.diagnosis.screening.parameters import Estimate, doubt_of, estimates
-from abbe.compcore.diagnosis.screening.projection.bank import Bank, ScreenedCandidate, Trial, screen
+from abbe.compcore.diagnosis.screening.projection.bank import (
+    Bank,
+    ScreenedCandidate,
+    Trial,
+    drop_of,
+    screen,
+)
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
-from abbe.compcore.diagnosis.screening.projection.frame import Placed
+from abbe.compcore.diagnosis.screening.projection.frame import Frame, Placed
 from abbe.compcore.diagnosis.screening.suddenness import Wander, gradual, stepping
 from abbe.compcore.diagnosis.screening.tried import Tried
 from abbe.compcore.machine.machine import Machine
@@ -269,20 +275,18 @@ class Pool:
 
     def refined(self, basis: Basis, found: WeighedCandidate) -> WeighedCandidate:
         """The same candidate with its non-linear parameters moved to the best place nearby."""
-        candidate = found.candidate
+        candidate = self.candidates[found.key]
         if not candidate.nonlinear_count:
             return self._doubted(basis, found)
         names = list(found.screened.nonlinear)
         chosen = np.array([found.screened.nonlinear[name] for name in names])
         tried = [np.unique([c[name] for c in candidate.choices]) for name in names]
         bounds = [_around(value, grid) for value, grid in zip(chosen, tried, strict=True)]
+        whole = Frame.whole(basis)
 
         def loss(values: F64) -> float:
             nonlinear = dict(zip(names, map(float, np.atleast_1d(values)), strict=True))
-            (s,) = screen(
-                basis, [(found.key, nonlinear, lambda: self.columns(found.key, nonlinear))]
-            )
-            return -s.drop
+            return -drop_of(basis, whole, self._placed(candidate, nonlinear))
 
         if stepping(candidate.effect, self.machine):
             # a step: the fall of χ² is flat between rows, so every interval is looked at

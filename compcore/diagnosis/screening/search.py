@@ -18,6 +18,7 @@ from abbe.compcore.diagnosis.screening.candidates import PLAIN, RIGID
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT, log_chance, price_of
 from abbe.compcore.diagnosis.screening.pool import SIGNIFICANT, Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis, orthonormal
+from abbe.compcore.diagnosis.screening.projection.falls import drops_together
 from abbe.compcore.diagnosis.screening.suddenness import stepping
 from abbe.compcore.effects import OverhangSag
 
@@ -27,6 +28,8 @@ _PAIRS_OF = 40
 _MOST = 4
 _ROUNDS = 3
 _CLEARLY = 4.0
+_SEEN = 1e-4
+"""Eigenvalues of what two causes span together, below which both say the same."""
 _ROUNDING = 1e-12
 """Part of χ² below which what is left is rounding."""
 _SHIFTS = {
@@ -432,19 +435,19 @@ def _best_pair(
     prices = [_price(basis, f) for f in leading]
     best: tuple[float, int, int] | None = None
     for pairs in _alike(leading, places):
-        index = np.array([np.concatenate([places[i], places[j]]) for i, j in pairs])
-        values, vectors = np.linalg.eigh(gram[index[:, :, None], index[:, None, :]])
-        seen = values > 1e-4
-        part = np.einsum("pij,pi->pj", vectors, moment[index])
-        drop = np.where(seen, part**2 / np.where(seen, values, 1.0), 0.0).sum(axis=1)
+        by_width = [sorted(pair, key=lambda k: -len(places[k])) for pair in pairs]
+        wide, narrow = (np.array([places[pair[k]] for pair in by_width]) for k in (0, 1))
+        cross = gram[wide[:, :, None], narrow[:, None, :]]
+        drop, rank = drops_together(cross, moment[wide], moment[narrow], _SEEN)
         left = np.maximum(basis.chi2 - drop, 1e-12 * basis.chi2)
         value = basis.share * basis.dof * np.log(basis.chi2 / left)
         # what both can say is paid once, if it was paid at all: each cause costs a coefficient
-        rank, one = seen.sum(axis=1), math.log(basis.independent)
+        one = math.log(basis.independent)
         price = np.array([prices[i] + prices[j] for i, j in pairs])
-        value -= np.maximum(price - (index.shape[1] - rank) * one, 2.0 * one)
+        width = wide.shape[1] + narrow.shape[1]
+        value -= np.maximum(price - (width - rank) * one, 2.0 * one)
         # where one imitates the other they are no two causes
-        value[rank <= [max(len(places[i]), len(places[j])) for i, j in pairs]] = -math.inf
+        value[rank <= wide.shape[1]] = -math.inf
         at = int(value.argmax())
         if value[at] > -math.inf and (best is None or value[at] > best[0]):
             best = (float(value[at]), *pairs[at])
@@ -457,9 +460,11 @@ def _best_pair(
 def _alike(
     leading: Sequence[WeighedCandidate], places: Sequence[NDArray[np.int64]]
 ) -> Iterable[list[tuple[int, int]]]:
-    """Pairs of different causes, those of as many columns together."""
-    found: dict[int, list[tuple[int, int]]] = {}
+    """Pairs of different causes, those of as many columns each together."""
+    found: dict[tuple[int, int], list[tuple[int, int]]] = {}
+    causes = [_cause(f) for f in leading]
     for i, j in combinations(range(len(leading)), 2):
-        if _cause(leading[i]) != _cause(leading[j]):
-            found.setdefault(len(places[i]) + len(places[j]), []).append((i, j))
+        if causes[i] != causes[j]:
+            one, other = sorted((len(places[i]), len(places[j])))
+            found.setdefault((one, other), []).append((i, j))
     return found.values()

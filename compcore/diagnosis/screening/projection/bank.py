@@ -152,6 +152,13 @@ def screen(basis: Basis, trials: Iterable[Trial]) -> list[ScreenedCandidate]:
     return Bank(basis, lambda: listed).screen(basis)
 
 
+def drop_of(basis: Basis, whole: Frame, made: F64 | Placed) -> float:
+    """Fall of χ² by one candidate's columns; `whole`: the frame of all rows (`Frame.whole`)."""
+    placed = made if isinstance(made, Placed) else Placed(whole, made)
+    drop, _ = _Batch.of(placed.frame, [(0, {})], [placed.values]).drops(basis)
+    return float(drop[0])
+
+
 @dataclass(eq=False)
 class _Open:
     """Trials of one frame that wait for more."""

@@ -56,6 +56,39 @@ def _drops_of_pairs(gram: F64, b: F64) -> tuple[F64, NDArray[np.int64]]:
     return drop, rank
 
 
+def drops_together(cross: F64, one: F64, other: F64, seen: float) -> tuple[F64, NDArray[np.int64]]:
+    """Fall of χ² and rank of two causes together, of many pairs, each of shape (pairs,).
+
+    Both are orthonormal columns A and B, so with ``AᵀB = U σ Vᵀ`` the eigenvalues of what they span
+    together are 1 ± σ and 1: each pair of directions is a problem of two numbers.
+
+    Parameters
+    ----------
+    cross
+        Inner products of the columns of one with those of the other, (pairs, a, b), b ≤ a.
+    one, other
+        Theirs with the residual, (pairs, a) and (pairs, b).
+    seen
+        Eigenvalues below this are not seen: both say the same there.
+    """
+    narrow = cross.shape[2]
+    shared = np.einsum("pij,pi->pj", cross, one)
+    if narrow == 1:
+        square = np.einsum("pij,pij->pj", cross, cross)
+        q, w = other, shared
+    else:
+        square, turns = np.linalg.eigh(np.swapaxes(cross, 1, 2) @ cross)
+        q = np.einsum("pij,pi->pj", turns, other)
+        w = np.einsum("pij,pi->pj", turns, shared)
+    sigma = np.sqrt(np.maximum(square, 0.0))
+    apart = sigma < 1.0 - seen
+    p = np.where(apart, 0.0, w / np.where(apart, 1.0, sigma))
+    both = (q - w) ** 2 / np.where(apart, 1.0 - square, 1.0)
+    same = (p + q) ** 2 / (2.0 * (1.0 + sigma)) - p**2
+    drop = np.einsum("pi,pi->p", one, one) + np.where(apart, both, same).sum(axis=1)
+    return drop, cross.shape[1] + narrow - (~apart).sum(axis=1)
+
+
 def grams(rows: F64, width: int) -> F64:
     """Gram matrix of each `width` rows that follow one another, (rows/width, width, width)."""
     if width == 1:
