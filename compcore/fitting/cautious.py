@@ -31,6 +31,7 @@ from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.frame import alignment
 from abbe.compcore.fitting.gauss_newton import gauss_newton
 from abbe.compcore.fitting.reduction import leverage, triangle
+from abbe.compcore.fitting.undetermined.parameter_fields import ParameterFields
 from abbe.compcore.linalg import threads_for
 
 F64 = NDArray[np.float64]
@@ -72,8 +73,8 @@ def cautiously(result: FitResult) -> FitResult:
         theta, decomposition = gauss_newton(held, blank)
         align = np.eye(layout.size)
         if result.frame.primary:  # else what is nearest to 0 is convention enough
-            placed = (problem.model, problem.campaign, layout, theta)
-            align = alignment(*placed, result.null, result.frame)
+            fields = ParameterFields(problem.model, problem.campaign, layout)
+            align = alignment(fields, theta, result.null, result.frame)
         theta = align @ theta
         return _result(result, held, theta, decomposition, align, kinds, spread)
 

@@ -12,15 +12,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.design.unknowns import UnknownLayout
-from abbe.compcore.fitting.undetermined.null_space import NullSpace, sample_volume
+from abbe.compcore.fitting.undetermined.null_space import VOLUME, NullSpace, sample_volume
+from abbe.compcore.fitting.undetermined.parameter_fields import ParameterFields
 from abbe.compcore.linalg import svd
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, own_component
 from abbe.compcore.model.model import Model
-from abbe.compcore.model.sensitivity import sensitivities
 
 F64 = NDArray[np.float64]
 
@@ -30,6 +29,9 @@ _FELT = 1e-5
 
 _COUNTS = 1e-6
 """Part of a free direction below which it does not say where an axis counts from."""
+
+_BARE = "volume, without tool"
+"""The places at which errors are to be least where no axis says what the frame is."""
 
 _CARRIED = 1e-4
 """How little a parameter's square counts in the norm when its effect carries what others share."""
@@ -110,30 +112,19 @@ def most_used(tools: F64) -> tuple[float, float, float]:
     return x, y, z
 
 
-def alignment(
-    model: Model,
-    campaign: Campaign,
-    layout: UnknownLayout,
-    theta: F64,
-    null: NullSpace,
-    frame: ReferenceFrame,
-) -> F64:
+def alignment(fields: ParameterFields, theta: F64, null: NullSpace, frame: ReferenceFrame) -> F64:
     """The transformation of θ into the chosen frame, shape (m, m): ``θ → A·θ``, ``C → A·C·Aᵀ``.
 
     Changes neither χ² nor any error but for a rigid displacement (Baarda's S-transformation).
     """
+    model, layout = fields.model, fields.layout
     if not null.convention.shape[1]:
         return np.eye(layout.size)
-    places, combine = (
-        _axes(model.machine, frame) if frame.primary else _volume(model.machine, campaign)
-    )
-    values = layout.values(theta, np.zeros(layout.size))
-    translation, _ = sensitivities(model.with_values(values), places)
     m = layout.model_size
     free, agreed = _agreed(model, layout, null.convention)
-    constraint = combine @ translation.reshape(3 * places.n, m)
+    constraint = _constraint(fields, theta, frame)
     moves = constraint @ (layout.scale[:m, None] * free[:m])
-    left, size, right = svd(moves, full=True)
+    left, size, right = svd(moves, full=moves.shape[0] < moves.shape[1])
     felt = int((size > _FELT * np.sqrt(constraint.shape[0])).sum())
     # derivatives by non-linear parameters are no errors
     constraint[:, list(layout.searched)] = 0.0
@@ -216,19 +207,30 @@ def _at(
     return Conditions(positions, tool=np.tile(tool or (0.0, 0.0, 0.0), (n, 1)), signals=signals)
 
 
-def _volume(machine: Machine, campaign: Campaign) -> tuple[Conditions, F64]:
-    sampled = sample_volume(machine, campaign)
-    places = _at(machine, dict(sampled.positions))
-    return places, np.eye(3 * places.n)
+def _constraint(fields: ParameterFields, theta: F64, frame: ReferenceFrame) -> F64:
+    """What is to be least, or 0, in a frame, by each parameter, shape (k, m); a copy."""
+    machine = fields.model.machine
+    if frame.primary:
+        fields.place(frame, lambda: _ends(machine, frame))
+        translation, _ = fields.at(theta, frame)
+        return np.asarray(_along_the_axes(frame) @ translation.reshape(15, -1))
+    sampled = fields.place(VOLUME, lambda: sample_volume(machine, fields.campaign))
+    fields.place(_BARE, lambda: _at(machine, dict(sampled.positions)))
+    translation, _ = fields.at(theta, _BARE)
+    return translation.reshape(3 * len(translation), -1).copy()
 
 
-def _axes(machine: Machine, frame: ReferenceFrame) -> tuple[Conditions, F64]:
-    """The middle, both ends of the primary and both ends of the secondary axis; six conditions."""
+def _ends(machine: Machine, frame: ReferenceFrame) -> Conditions:
+    """The middle, both ends of the primary and both ends of the secondary axis; five conditions."""
     middle = {a: machine.axes[a].middle for a in machine.structure.axes}
     stops = [middle]
     for name in (frame.primary, frame.secondary):
         stops += [{**middle, name: end} for end in machine.axes[name].travel]
-    places = _at(machine, {a: np.array([s[a] for s in stops]) for a in middle}, frame.tool)
+    return _at(machine, {a: np.array([s[a] for s in stops]) for a in middle}, frame.tool)
+
+
+def _along_the_axes(frame: ReferenceFrame) -> F64:
+    """The middle's error and what an axis's ends differ by, of the errors at `_ends`, (6, 15)."""
     first = "XYZ".index(own_component(frame.primary))
     second = "XYZ".index(own_component(frame.secondary))
     third = 3 - first - second
@@ -239,4 +241,4 @@ def _axes(machine: Machine, frame: ReferenceFrame) -> tuple[Conditions, F64]:
     ):
         combine[row, 3 * low + direction] = -1.0
         combine[row, 3 * high + direction] = 1.0
-    return places, combine
+    return combine

@@ -25,6 +25,7 @@ from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.robust import Outlier, outliers_of, studentised
 from abbe.compcore.fitting.separable import step_widths
 from abbe.compcore.fitting.undetermined.null_space import NullSpace, split_null_space
+from abbe.compcore.fitting.undetermined.parameter_fields import ParameterFields
 from abbe.compcore.fitting.undetermined.words import Undetermined, in_words
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
@@ -276,13 +277,13 @@ def _in_frame(
     problem: Problem, theta: F64, decomposition: Decomposition, frame: ReferenceFrame
 ) -> tuple[F64, Decomposition, NullSpace, F64, ReferenceFrame]:
     """The solution with its frame chosen, what of it is not determined, `alignment`, the frame."""
-    arguments = (problem.model, problem.campaign, problem.layout)
+    fields = ParameterFields(problem.model, problem.campaign, problem.layout)
     for _ in range(_FRAME_ROUNDS):
-        null = split_null_space(*arguments, theta, decomposition)
+        null = split_null_space(fields, theta, decomposition)
         held = frame
         if frame.primary and frame.tool is None:
             held = replace(frame, tool=most_used(problem.conditions(theta).tool))
-        align = alignment(*arguments, theta, null, held)
+        align = alignment(fields, theta, null, held)
         chosen = align @ theta
         if problem.linear and risen(problem, theta, chosen):
             # values far beyond belief, or time constants that nothing determines: what is not

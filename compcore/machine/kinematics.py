@@ -17,7 +17,9 @@ the frame's origin to the functional point. Everything comes out in machine axes
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +87,7 @@ class Chain:
         self._orientation: dict[str, F64 | None] = {}
         self._origin: dict[str, F64] = {}
         self._directions: dict[str, F64] = {}
-        self._levers: dict[str, F64] = {}
+        self._frames: dict[str, F64] = {}
         turn: F64 | None = None  # None: identity, the common case and much faster
         shift = np.zeros((n, 3))
         self._bed: F64 | None = None
@@ -117,12 +119,24 @@ class Chain:
         if not structure.tool_side:
             self._bed = turn
         self._place(SPINDLE, turn, shift)
-        tool = conditions.tool
+        self._spindle: F64 | None = None
         if structure.spindle is not None and conditions.spindle_angle is not None:
             about = np.asarray(_spindle_direction(structure.spindle))
-            tool = np.einsum("nij,nj->ni", rotation_about(about, conditions.spindle_angle), tool)
-        self.tool = tool
-        self.point = shift + _apply(turn, tool)
+            self._spindle = rotation_about(about, conditions.spindle_angle)
+        self._hold(conditions.tool)
+
+    def _hold(self, tool: F64) -> None:
+        """Where the functional point is with tool offsets, (n, 3)."""
+        self.tool = tool if self._spindle is None else _apply(self._spindle, tool)
+        self.point = self._origin[SPINDLE] + _apply(self._orientation[SPINDLE], self.tool)
+        self._levers: dict[str, F64] = {}
+
+    def with_tool(self, tool: F64) -> Chain:
+        """The machine where it stands, with other tool offsets, (n, 3), mm."""
+        other = copy.copy(self)
+        other.conditions = replace(self.conditions, tool=tool)
+        other._hold(tool)
+        return other
 
     def _place(self, place: str, orientation: F64 | None, origin: F64) -> None:
         self._orientation[place] = orientation
@@ -345,10 +359,12 @@ def _conjugate(chain: Chain, place: str, local: F64) -> F64:
     orientation, bed = chain._orientation[place], chain._bed
     if orientation is None and bed is None:
         return local
-    eye = np.broadcast_to(np.eye(3), local.shape)
-    frame = np.swapaxes(eye if bed is None else bed, 1, 2) @ (
-        eye if orientation is None else orientation
-    )
+    if place not in chain._frames:
+        eye = np.broadcast_to(np.eye(3), local.shape)
+        chain._frames[place] = np.swapaxes(eye if bed is None else bed, 1, 2) @ (
+            eye if orientation is None else orientation
+        )
+    frame = chain._frames[place]
     return np.asarray(frame @ local @ np.swapaxes(frame, 1, 2))
 
 

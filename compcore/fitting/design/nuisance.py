@@ -55,22 +55,31 @@ class SetupNuisances:
     columns: F64
 
 
-def setup_blocks(campaign: Campaign, observation: Observation | None) -> list[SetupNuisances]:
-    """One block for each set-up of a campaign, also those that leave nothing unknown.
-
-    `observation` (all rows) is needed where a set-up leaves its frame unknown.
-    """
+def rows_of_setups(campaign: Campaign) -> list[tuple[str, Index]]:
+    """Each set-up's name and its rows, in the order in which they begin; one without a name."""
     setup = campaign.conditions.setup
     if setup is None:
-        return [SetupNuisances("", np.arange(campaign.n), (), (), np.zeros((campaign.n, 0)))]
+        return [("", np.arange(campaign.n))]
     names, first, inverse = np.unique(setup, return_index=True, return_inverse=True)
     order = np.argsort(inverse.reshape(-1), kind="stable")
     ends = np.cumsum(np.bincount(inverse.reshape(-1), minlength=len(names)))
-    blocks = []
-    for i in np.argsort(first):
-        rows = order[(ends[i - 1] if i else 0) : ends[i]]
-        blocks.append(_block(campaign, observation, str(names[i]), rows))
-    return blocks
+    return [(str(names[i]), order[(ends[i - 1] if i else 0) : ends[i]]) for i in np.argsort(first)]
+
+
+def setup_blocks(
+    campaign: Campaign,
+    observation: Observation | None,
+    rows: Sequence[tuple[str, Index]] | None = None,
+) -> list[SetupNuisances]:
+    """One block for each set-up of a campaign, also those that leave nothing unknown.
+
+    `observation` (all rows) is needed where a set-up leaves its frame unknown; `rows` are those of
+    `rows_of_setups`, where they are known.
+    """
+    if campaign.conditions.setup is None:
+        return [SetupNuisances("", np.arange(campaign.n), (), (), np.zeros((campaign.n, 0)))]
+    rows = rows_of_setups(campaign) if rows is None else rows
+    return [_block(campaign, observation, name, own) for name, own in rows]
 
 
 def _block(

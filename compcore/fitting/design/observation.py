@@ -31,6 +31,8 @@ class Observation:
         `conditions` are the campaign's, with the tools' offsets in place.
     bases
         Name → coordinates, mm, workpiece frame.
+    chain
+        The machine at these conditions, where it is known.
     """
 
     def __init__(
@@ -39,8 +41,9 @@ class Observation:
         campaign: Campaign,
         conditions: Conditions,
         bases: Mapping[str, F64],
+        chain: Chain | None = None,
     ) -> None:
-        self.chain = Chain(machine, conditions)
+        self.chain = Chain(machine, conditions) if chain is None else chain
         kind = campaign.kind
         n = conditions.n
         u = np.zeros((n, 3)) if conditions.u is None else conditions.u
@@ -149,10 +152,7 @@ class Observation:
         """
         unit = np.zeros((self.chain.conditions.n, 3))
         unit[:, k] = 1.0
-        ends = [
-            Chain(self.chain.machine, replace(self.chain.conditions, tool=tool)).point
-            for tool in (unit, np.zeros_like(unit))
-        ]
+        ends = [self.chain.with_tool(tool).point for tool in (unit, np.zeros_like(unit))]
         return self.chain.to_machine_axes(ends[0] - ends[1])
 
     def rotation_error(self, motions: Mapping[ErrorMotion, F64]) -> F64:

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.effects.base import Effect, Motion
 from abbe.compcore.fitting.design.common_errors import CommonErrors
-from abbe.compcore.fitting.design.nuisance import Eliminator, SetupNuisances, setup_blocks
+from abbe.compcore.fitting.design.nuisance import (
+    Eliminator,
+    SetupNuisances,
+    rows_of_setups,
+    setup_blocks,
+)
 from abbe.compcore.fitting.design.observation import Observation, with_tools
 from abbe.compcore.fitting.design.row_blocks import RowBlock, row_blocks, rows_at_once
 from abbe.compcore.fitting.design.run_starts import Bodies, since_begin
@@ -89,6 +94,7 @@ class PreparedRows:
         self._tool_directions: dict[int, F64] = {}
         self._conditions: tuple[bytes, Conditions] | None = None
         self._observation: tuple[bytes, Observation] | None = None
+        self._rows_of_setups: list[tuple[str, Index]] | None = None
         self._blocks: tuple[Observation | None, list[SetupNuisances]] | None = None
         self._eliminator: tuple[list[SetupNuisances], Eliminator] | None = None
 
@@ -110,6 +116,7 @@ class PreparedRows:
         other.sd, other.weight = self.sd[rows], self.weight[rows]
         other._motions, other._settling, other._tool_directions = {}, {}, {}
         other._conditions = other._observation = other._blocks = other._eliminator = None
+        other._rows_of_setups = None
         other._given = {
             i: tuple(m.rows(rows) for m in self.motions(i, theta))
             for i, effect in enumerate(self.model.effects)
@@ -178,7 +185,12 @@ class PreparedRows:
         if self._observation is None or self._observation[0] != key:
             bases = {name: theta[where] for name, where in self.layout.bases.items()}
             conditions = self.conditions(theta)
-            seen = Observation(self.model.machine, self.campaign, conditions, bases)
+            chain = None
+            if self._observation is not None:
+                # θ moves tools and readings, and never where the axes stand
+                chain = self._observation[1].chain.with_tool(conditions.tool)
+            machine = self.model.machine
+            seen = Observation(machine, self.campaign, conditions, bases, chain)
             self._observation = (key, seen)
         return self._observation[1]
 
@@ -210,7 +222,10 @@ class PreparedRows:
         framed = any("frame" in setup.free for setup in self.campaign.setups.values())
         observation = self.observation(theta) if framed else None
         if self._blocks is None or self._blocks[0] is not observation:
-            self._blocks = (observation, setup_blocks(self.campaign, observation))
+            if self._rows_of_setups is None:
+                self._rows_of_setups = rows_of_setups(self.campaign)
+            found = setup_blocks(self.campaign, observation, self._rows_of_setups)
+            self._blocks = (observation, found)
         return self._blocks[1]
 
     def eliminator(self, theta: F64) -> Eliminator:

@@ -10,17 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.fitting.design.unknowns import UnknownLayout
 from abbe.compcore.fitting.determinacy import Decomposition
+from abbe.compcore.fitting.undetermined.parameter_fields import ParameterFields
 from abbe.compcore.linalg import svd
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.error_motion import SPINDLE, WORKPIECE, Component, ErrorMotion
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine
-from abbe.compcore.model.model import Model
-from abbe.compcore.model.sensitivity import sensitivities
 
 F64 = NDArray[np.float64]
+
+VOLUME = "volume"
+"""Places all over the machine's volume, with tools and all that a campaign recorded."""
 
 _POINTS = 60
 _ARM = 100.0
@@ -57,21 +58,18 @@ class NullSpace:
 
 
 def split_null_space(
-    model: Model,
-    campaign: Campaign,
-    layout: UnknownLayout,
-    theta: F64,
-    decomposition: Decomposition,
+    fields: ParameterFields, theta: F64, decomposition: Decomposition
 ) -> NullSpace:
     """Divide the null space into convention (moves nothing relative) and true ignorance.
 
     Parameters
     ----------
-    model, campaign, layout
-        What was fitted to what.
+    fields
+        What the parameters of what was fitted do to the error.
     theta, decomposition
         The solution and what of it is determined.
     """
+    layout = fields.layout
     null, weak = decomposition.null, decomposition.singular[decomposition.rank :]
     stepped = [i for i, p in layout.searched.items() if not p.smooth]
     if stepped:
@@ -82,7 +80,7 @@ def split_null_space(
         null, weak = null[:, others], weak[others]
     if not null.shape[1]:
         return NullSpace(null, null)
-    field, frame = _displacements(model, campaign, layout, theta)
+    field, frame = _displacements(fields, theta)
     felt = field @ (layout.scale[: layout.model_size, None] * null[: layout.model_size])
     left, size, _ = svd(frame)
     left = left[:, size > 1e-12 * size[0]]
@@ -99,14 +97,12 @@ def split_null_space(
     return NullSpace(convention, np.hstack(unknown))
 
 
-def _displacements(
-    model: Model, campaign: Campaign, layout: UnknownLayout, theta: F64
-) -> tuple[F64, F64]:
+def _displacements(fields: ParameterFields, theta: F64) -> tuple[F64, F64]:
     """Displacements over the volume by each parameter, and by moves of workpiece and tool."""
-    somewhere = sample_volume(model.machine, campaign)
-    values = layout.values(theta, np.zeros(layout.size))
-    field = _stacked(*sensitivities(model.with_values(values), somewhere))
-    chain = Chain(model.machine, somewhere)
+    machine = fields.model.machine
+    somewhere = fields.place(VOLUME, lambda: sample_volume(machine, fields.campaign))
+    field = _stacked(*fields.at(theta, VOLUME))
+    chain = Chain(machine, somewhere)
     conventions = []
     for place in (WORKPIECE, SPINDLE):
         for component in get_args(Component):

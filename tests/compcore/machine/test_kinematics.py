@@ -207,6 +207,24 @@ def test_a_spindles_angle_turns_the_tools_offset():
     np.testing.assert_allclose(Chain(machine("w b Y X Z t"), c).point[0], (10, 0, -50), atol=1e-12)
 
 
+@pytest.mark.parametrize("code", ["w b Y X Z (C) t", "w C' A' b X Y Z t", "w b C1 B2 B3 t"])
+def test_another_tool_on_the_same_machine_is_the_machine_with_that_tool(code):
+    owner, rng = machine(code), np.random.default_rng(3)
+    at = {a: rng.uniform(-1.0, 1.0, 5) for a in owner.structure.axes}
+    angle = rng.uniform(-3.0, 3.0, 5) if owner.structure.spindle else None
+    first, second = (rng.uniform(-200.0, 200.0, (5, 3)) for _ in range(2))
+    own = Chain(owner, Conditions(at, tool=first, spindle_angle=angle))
+    places = [owner.structure.axes[0], SPINDLE, WORKPIECE]
+    own_levers = [own.lever(p) for p in places]
+    found = own.with_tool(second)
+    whole = Chain(owner, Conditions(at, tool=second, spindle_angle=angle))
+    for name in ("point", "tool"):
+        np.testing.assert_allclose(getattr(found, name), getattr(whole, name), atol=1e-12)
+    for place, before in zip(places, own_levers, strict=True):
+        np.testing.assert_allclose(found.lever(place), whole.lever(place), atol=1e-12)
+        np.testing.assert_array_equal(own.lever(place), before)
+
+
 def test_an_error_at_the_functional_point_has_no_lever():
     chain = Chain(machine(), Conditions.at({"X": 300.0, "Y": 400.0, "Z": -100.0}))
     only = {ErrorMotion(FUNCTIONAL_POINT, "Y"): np.array([0.004])}
