@@ -19,7 +19,7 @@ from abbe.compcore.effects import RotaryLocation, SpindleLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.model.as_built import average_lines, seen_factor
-from abbe.compcore.model.held_spindle import held_spindle, tool_of, where_they_are
+from abbe.compcore.model.held_spindle import where_they_are
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.sentences import Sentence, joined, said
 from abbe.compcore.units import in_digits, read_in, with_uncertainty
@@ -116,20 +116,28 @@ def _first(names: Sequence[str]) -> str:
     return said("{shown} and {n} more", shown=shown, n=more) if more > 0 else shown
 
 
+TO_ENTER = said("What to enter for it in the controller is said once it is added and fitted.")
+"""Beside a place that further causes may still move."""
+
+
 def _as_built(established: Established, diagnosis: Findings) -> list[str]:
     """What is physically there: of a rotary axis's line, of a table itself."""
     effect, model = established.found.candidate.effect, diagnosis.result.problem.model
     if isinstance(effect, RotaryLocation | SpindleLocation):
-        # what is entered for one counts from where the others are
+        # where one lies counts from where the others are; what is entered for it also from those
+        # that are still to be found
         found = {e.found.candidate.effect: e for e in diagnosis.established}
         beside = tuple(t for t in model.terms if t.effect not in found)
         terms = (Term(e, _estimated(one)) for e, one in found.items())
         whole = Model(model.machine, (*beside, *terms))
-        if isinstance(effect, SpindleLocation):
-            held = held_spindle(whole, tool_of(diagnosis.result.problem.campaign))
-            return [_sentence(w) for w in held.words()] if held else []
         lines = average_lines(where_they_are(whole))
-        return [_sentence(w) for one in lines if one.axis == effect.axis for w in one.words()]
+        lies = [
+            _sentence(w)
+            for one in lines
+            if isinstance(effect, RotaryLocation) and one.axis == effect.axis
+            for w in one.words(entering=False)
+        ]
+        return [*lies, TO_ENTER]
     if seen_factor(model.machine, effect) > 0.0:
         return []
     return [said("On the table itself (level, indicator, R-test) it has the opposite sign.")]

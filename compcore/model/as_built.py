@@ -126,9 +126,9 @@ class AverageLine:
         """A point of the line, shape (3,), mm: what to enter for `configured`."""
         return self.configured + self.offset
 
-    def words(self) -> Iterator[str]:
-        """Sentences for people: where the line is, and what to enter."""
-        yield self._place_words()
+    def words(self, *, entering: bool = True) -> Iterator[str]:
+        """Sentences for people: where the line is, and what to enter (unless not `entering`)."""
+        yield self._place_words(entering=entering)
         if lean := self._lean_words():
             yield lean
         if abs(self.zero) > _UNSEEN:
@@ -149,7 +149,7 @@ class AverageLine:
         """Whether it is sure enough which way it lies, in a direction, to be entered."""
         return bool(np.isnan(self.offset_sd[k]) or abs(self.offset[k]) > SURE * self.offset_sd[k])
 
-    def _place_words(self) -> str:
+    def _place_words(self, *, entering: bool) -> str:
         if not self.place_measured:
             return said(
                 "where the line of {axis} lies was not measured: it is taken where it is "
@@ -175,6 +175,8 @@ class AverageLine:
             "the line of {axis} lies {where} of the configured place",
             axis=self.axis, where=listed(parts),
         )  # fmt: skip
+        if not entering:
+            return text
         if not entered:
             return said("{lies}: not known well enough to be entered; measure more", lies=text)
         text = said("{lies}: enter {what}", lies=text, what=joined(entered, ", "))

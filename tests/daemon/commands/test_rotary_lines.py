@@ -226,6 +226,18 @@ def test_in_words(tmp_path):
     assert "it is corrected twice" in words
 
 
+def test_what_is_found_is_not_entered_before_it_is_fitted(tmp_path):
+    """What is entered for one line counts from causes that may still be missing."""
+    bare, campaign = tmp_path / "bare.toml", tmp_path / "c.csv"
+    bare.write_text(model_text(TURNTABLE).partition("[[effects]]")[0], encoding="utf-8")
+    campaign.write_text(campaign_text(TURNTABLE), encoding="utf-8")
+    done = abbe("diagnose", bare, campaign, "--no-measure-next")
+    words = " ".join(done.out.split())
+    assert "he line of C lies" in words
+    assert "enter X" not in words
+    assert "What to enter for it in the controller is said once it is added and fitted." in words
+
+
 def test_on_a_head_nothing_is_turned_round(tmp_path):
     found, text = fitted(HEAD, tmp_path)
     assert all(effect["on_the_table"] is None for effect in found["effects"])
