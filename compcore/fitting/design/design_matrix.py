@@ -164,6 +164,12 @@ class Problem(PreparedRows):
 
     def error_motions(self, theta: F64) -> dict[ErrorMotion, F64]:
         """Every error motion that θ's effects move, instrument's included, each (n,) mm or rad."""
+        key = theta.tobytes()
+        if self._moved is None or self._moved[0] != key:
+            self._moved = (key, self._sums(theta))
+        return dict(self._moved[1])
+
+    def _sums(self, theta: F64) -> dict[ErrorMotion, F64]:
         sums: dict[ErrorMotion, F64] = {}
         for i, effect in enumerate(self.model.effects):
             if effect.reads_model:
@@ -184,7 +190,18 @@ class Problem(PreparedRows):
         return sums
 
     def predicted(self, theta: F64) -> F64:
-        """Predicted readings of the rows without set-ups' nuisances, shape (n,), mm or rad."""
+        """Predicted readings of the rows without set-ups' nuisances, shape (n,), mm or rad.
+
+        Of the last θ they are kept: a search looks at a place, and then begins from there.
+        """
+        key = theta.tobytes()
+        if self._read is None or self._read[0] != key:
+            values = self._predicted(theta)
+            values.flags.writeable = False
+            self._read = (key, values)
+        return self._read[1]
+
+    def _predicted(self, theta: F64) -> F64:
         if self.large:
             out = np.empty(self.n)
             most = rows_at_once(self.layout.size + 1)
