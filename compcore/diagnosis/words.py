@@ -8,9 +8,10 @@ import numpy as np
 
 from abbe.compcore.campaign.approaches import unsaid_approaches
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.campaign.resolution import of_step, step_of
 from abbe.compcore.campaign.suspicions import of_campaign, of_chi2, of_signals, of_values
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
-from abbe.compcore.diagnosis.findings import Findings
+from abbe.compcore.diagnosis.findings import Findings, measured_kinds
 from abbe.compcore.diagnosis.hardly_noise import beyond_repeats, too_few_rows
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.effects.catalogue.formula import Formula
@@ -29,6 +30,9 @@ _SAID = {
     ),
 }
 
+
+_OF_THE_REST = 0.3
+"""Part of what is left from which on the steps of readings are worth a word."""
 
 MOST_LISTED = 10
 """Readings that stand alone that are listed; the rest are counted."""
@@ -54,6 +58,21 @@ def undeclared(machine: Machine, conditions: Conditions) -> Sentence | None:
         "section [machine.signals.{first}] in the model file declares one",
         names=listed(names),
         first=names[0],
+    )
+
+
+def stepping(diagnosis: Findings) -> Sentence | None:
+    """That readings step, where their steps are a good part of what is left."""
+    step = step_of(diagnosis.whole.problem.campaign, measured_kinds(diagnosis.whole))
+    if of_step(step) < _OF_THE_REST * diagnosis.rms or step == 0.0:
+        return None
+    unit, _, factor = diagnosis.unit
+    return said(
+        "the readings come in steps of {step} {unit}: by that alone each is unsure by {sd} {unit}, "
+        "and what is smaller was not read",
+        step=in_digits(step * factor),
+        sd=in_digits(of_step(step) * factor, 2),
+        unit=unit,
     )
 
 
@@ -118,6 +137,8 @@ def diagnosis_words(
     if not diagnosis.whole.problem.campaign.clocked:
         yield NO_CLOCK
     whole = diagnosis.whole
+    if coarse := stepping(diagnosis):
+        yield coarse
     if axes := unsaid_approaches(whole.problem.campaign):
         yield said(
             "targets of {axes} are read from both sides, and no column says from which ({columns}: "

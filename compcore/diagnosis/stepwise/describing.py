@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from abbe.compcore.campaign.campaign import Kind
+from abbe.compcore.campaign.resolution import of_step, step_of
+from abbe.compcore.diagnosis.findings import measured_kinds
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, described
 from abbe.compcore.diagnosis.uncatalogued.chosen import (
@@ -14,7 +17,7 @@ from abbe.compcore.diagnosis.uncatalogued.chosen import (
 )
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.fitting.fit import fit
+from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.revise import without_effect
 
 
@@ -39,8 +42,21 @@ def describe(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     if found is None:
         return False
     more, result = found
-    growing.make_together("described", "described", more, result, LeftOutErrors.of(result))
+    out = LeftOutErrors.of(result)
+    if _of_steps(result, out):
+        return False
+    growing.make_together("described", "described", more, result, out)
     return True
+
+
+def _of_steps(result: FitResult, out: LeftOutErrors) -> bool:
+    """Whether a description leaves less of left-out blocks than readings that step are unsure by.
+
+    What it describes then is how the readings were rounded at these very places.
+    """
+    kinds = measured_kinds(result)
+    left = out.rotations if kinds == (Kind.ROTATION,) else out.lengths
+    return left < of_step(step_of(result.problem.campaign, kinds))
 
 
 def _replace(growing: GrowingModel, motions: Sequence[Effect], effects: Sequence[Effect]) -> None:
