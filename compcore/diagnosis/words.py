@@ -6,17 +6,14 @@ from collections.abc import Callable, Iterator, Sequence
 
 import numpy as np
 
-from abbe.compcore.campaign.approaches import unsaid_approaches
 from abbe.compcore.campaign.noise import NoiseFloor
-from abbe.compcore.campaign.resolution import of_step, step_of
 from abbe.compcore.campaign.suspicions import of_campaign, of_chi2, of_signals, of_values
+from abbe.compcore.diagnosis.campaign_notes import campaign_notes
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
-from abbe.compcore.diagnosis.findings import Findings, measured_kinds
+from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.hardly_noise import beyond_repeats, too_few_rows
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.effects.catalogue.formula import Formula
-from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.machine import Machine
 from abbe.compcore.sentences import Sentence, listed, said
 from abbe.compcore.units import in_digits
 
@@ -31,49 +28,8 @@ _SAID = {
 }
 
 
-_OF_THE_REST = 0.3
-"""Part of what is left from which on the steps of readings are worth a word."""
-
 MOST_LISTED = 10
 """Readings that stand alone that are listed; the rest are counted."""
-
-NO_CLOCK = said(
-    "the campaign says no times: nothing was looked for that changes with time (drift, warm-up, "
-    "an event, a lag, an oscillation)"
-)
-"""Said of a campaign whose rows say not when they were measured."""
-
-
-def undeclared(machine: Machine, conditions: Conditions) -> Sentence | None:
-    """Columns that vary and are no signals of the machine: no effect can read them."""
-    names = [
-        name
-        for name, values in conditions.signals.items()
-        if name not in machine.signals and np.ptp(values) > 0.0
-    ]
-    if not names:
-        return None
-    return said(
-        "recorded, but no signals of this machine, so nothing was looked for in them: {names}; a "
-        "section [machine.signals.{first}] in the model file declares one",
-        names=listed(names),
-        first=names[0],
-    )
-
-
-def stepping(diagnosis: Findings) -> Sentence | None:
-    """That readings step, where their steps are a good part of what is left."""
-    step = step_of(diagnosis.whole.problem.campaign, measured_kinds(diagnosis.whole))
-    if of_step(step) < _OF_THE_REST * diagnosis.rms or step == 0.0:
-        return None
-    unit, _, factor = diagnosis.unit
-    return said(
-        "the readings come in steps of {step} {unit}: by that alone each is unsure by {sd} {unit}, "
-        "and what is smaller was not read",
-        step=in_digits(step * factor),
-        sd=in_digits(of_step(step) * factor, 2),
-        unit=unit,
-    )
 
 
 def noise_of(diagnosis: Findings, noise: NoiseFloor) -> float | None:
@@ -134,20 +90,7 @@ def diagnosis_words(
     )
     if diagnosis.result is not diagnosis.whole:
         yield thinned_words(diagnosis)
-    if not diagnosis.whole.problem.campaign.clocked:
-        yield NO_CLOCK
-    whole = diagnosis.whole
-    if coarse := stepping(diagnosis):
-        yield coarse
-    if axes := unsaid_approaches(whole.problem.campaign):
-        yield said(
-            "targets of {axes} are read from both sides, and no column says from which ({columns}: "
-            "1 upwards, −1 downwards): play and reversal were not looked for",
-            axes=listed(axes),
-            columns=listed([f"{axis}_dir" for axis in axes]),
-        )
-    if unread := undeclared(whole.model.machine, whole.problem.campaign.conditions):
-        yield unread
+    yield from campaign_notes(diagnosis)
     if diagnosis.strays:
         yield alone_words(diagnosis)
         for stray in diagnosis.strays[:MOST_LISTED]:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.diagnosis.campaign_notes import campaign_notes
 from abbe.compcore.diagnosis.explain import (
     amount,
     changed,
@@ -144,6 +145,7 @@ def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
         if stated
         else NO_UNCERTAINTY[0].upper() + NO_UNCERTAINTY[1:] + "."
     )
+    out.notes(list(campaign_notes(diagnosis)))
     if diagnosis.strays:
         out.text(alone_words(diagnosis))
         out.notes([s.text for s in diagnosis.strays])

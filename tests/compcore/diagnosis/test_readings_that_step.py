@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis.campaign_notes import stepping
 from abbe.compcore.diagnosis.stepwise import Course, to_the_verdict
-from abbe.compcore.diagnosis.words import stepping
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.model.model import Model

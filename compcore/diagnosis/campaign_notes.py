@@ -1,0 +1,92 @@
+"""What a campaign by its kind cannot show, said beside a diagnosis: steps, nights, no clock."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from abbe.compcore.campaign.approaches import unsaid_approaches
+from abbe.compcore.campaign.resolution import of_step, step_of
+from abbe.compcore.diagnosis.findings import Findings, measured_kinds
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.sentences import Sentence, listed, said
+from abbe.compcore.units import in_digits
+
+_OF_THE_REST = 0.3
+"""Part of what is left from which on the steps of readings are worth a word."""
+
+NO_CLOCK = said(
+    "the campaign says no times: nothing was looked for that changes with time (drift, warm-up, "
+    "an event, a lag, an oscillation)"
+)
+"""Said of a campaign whose rows say not when they were measured."""
+
+
+def campaign_notes(diagnosis: Findings) -> Iterator[Sentence]:
+    """What the campaign could not show, and how its readings were taken."""
+    whole = diagnosis.whole
+    campaign = whole.problem.campaign
+    if not campaign.clocked:
+        yield NO_CLOCK
+    if paused := nights(campaign.conditions):
+        yield paused
+    if coarse := stepping(diagnosis):
+        yield coarse
+    if axes := unsaid_approaches(campaign):
+        yield said(
+            "targets of {axes} are read from both sides, and no column says from which ({columns}: "
+            "1 upwards, −1 downwards): play and reversal were not looked for",
+            axes=listed(axes),
+            columns=listed([f"{axis}_dir" for axis in axes]),
+        )
+    if unread := undeclared(whole.model.machine, campaign.conditions):
+        yield unread
+
+
+def undeclared(machine: Machine, conditions: Conditions) -> Sentence | None:
+    """Columns that vary and are no signals of the machine: no effect can read them."""
+    names = [
+        name
+        for name, values in conditions.signals.items()
+        if name not in machine.signals and np.ptp(values) > 0.0
+    ]
+    if not names:
+        return None
+    return said(
+        "recorded, but no signals of this machine, so nothing was looked for in them: {names}; a "
+        "section [machine.signals.{first}] in the model file declares one",
+        names=listed(names),
+        first=names[0],
+    )
+
+
+def stepping(diagnosis: Findings) -> Sentence | None:
+    """That readings step, where their steps are a good part of what is left."""
+    step = step_of(diagnosis.whole.problem.campaign, measured_kinds(diagnosis.whole))
+    if of_step(step) < _OF_THE_REST * diagnosis.rms or step == 0.0:
+        return None
+    unit, _, factor = diagnosis.unit
+    return said(
+        "the readings come in steps of {step} {unit}: by that alone each is unsure by {sd} {unit}, "
+        "and what is smaller was not read",
+        step=in_digits(step * factor),
+        sd=in_digits(of_step(step) * factor, 2),
+        unit=unit,
+    )
+
+
+def nights(conditions: Conditions) -> Sentence | None:
+    """That a campaign paused over nights, where it recorded temperatures."""
+    if not conditions.signals:
+        return None
+    runs = np.zeros(1) if conditions.run is None else conditions.run
+    count = len(np.unique(conditions.stretches)) - len(np.unique(runs))
+    if count < 1:
+        return None
+    return said(
+        "the campaign pauses over nights ({count}, 6 h or more): after each, bodies that warm "
+        "begin anew, as warm as their thermometers",
+        count=count,
+    )
