@@ -7,7 +7,7 @@ template's translation and puts the same values in.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from string import ascii_lowercase
 from typing import Any
@@ -22,6 +22,10 @@ class Sentence(str):
     def padded(self, width: int) -> Sentence:
         """The same in a column that is so wide."""
         return _made(self.ljust(width), self.template, self.values)
+
+    def rewritten(self, how: Callable[[str], str]) -> Sentence:
+        """The same with its text and its values written otherwise; `how` keeps sentences."""
+        return _made(how(str(self)), self.template, {k: how(v) for k, v in self.values.items()})
 
     def within(self) -> Sentence:
         """The same within a sentence: begun with a small letter where its first word is one."""

@@ -14,6 +14,7 @@ from abbe.compcore.artefacts.decision_rule import DecisionRule, zone
 from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.artefacts.permissible import PermissibleError
 from abbe.compcore.errors import InputError
+from abbe.compcore.sentences import said
 
 REPEATS = 3
 AGAIN = 10
@@ -299,24 +300,30 @@ def _notes(test: LengthTest, sets: Sequence[RepeatSet]) -> Iterator[str]:
     for s in sets:
         positions[s.position] = positions.get(s.position, 0) + 1
     if len(positions) < test.positions:
-        yield f"{len(positions)} positions, the standard asks for {test.positions}"
+        yield said(
+            "{n} positions, the standard asks for {all}", n=len(positions), all=test.positions
+        )
     few = [name for name, count in positions.items() if count < _LENGTHS]
     if few:
-        yield f"fewer than {_LENGTHS} lengths in {', '.join(few)}"
+        yield said("fewer than {n} lengths in {places}", n=_LENGTHS, places=", ".join(few))
     short = sum(len(s.repeats) < REPEATS for s in sets)
     if short:
-        yield f"{short} of {len(sets)} lengths measured fewer than {REPEATS} times"
+        yield said(
+            "{n} of {all} lengths measured fewer than {times} times",
+            n=short, all=len(sets), times=REPEATS,
+        )  # fmt: skip
     excused = sum(s.outside == 1 for s in sets)
     if excused:
-        yield (
-            f"one value of three outside in {excused} of {len(sets)} sets; the standard allows "
-            f"{test.allowances}, each measured {AGAIN} times more with no value outside"
-        )
+        yield said(
+            "one value of three outside in {n} of {all} sets; the standard allows {allowed}, each "
+            "measured {times} times more with no value outside",
+            n=excused, all=len(sets), allowed=test.allowances, times=AGAIN,
+        )  # fmt: skip
     if any(j.limit <= 0.0 for s in sets for j in s.repeats):
-        yield "the uncertainty is as large as what is permitted: nothing can be proven so"
+        yield said("the uncertainty is as large as what is permitted: nothing can be proven so")
     expansions = [j.length.calibrated.expansion for s in sets for j in s.repeats]
     if any(0.0 < e < _LOW_EXPANSION for e in expansions):
-        yield (
+        yield said(
             "a standard of low expansion: a length of normal expansion (8 to 13 ppm/K) is to be "
             "measured besides"
         )

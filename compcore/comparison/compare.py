@@ -208,12 +208,17 @@ class Comparison(Shown):
     def summary(self) -> str:
         """Rows, rms and χ² per degree of freedom."""
         reported = [
-            f"{part.n} {name}, {in_digits(part.rms * factor)} {unit} rms, "
-            f"χ²/dof {in_digits(part.chi2_per_dof)}"
+            said(
+                "{n} {what}, {rms} rms, χ²/dof {chi2}",
+                n=part.n,
+                what=name,
+                rms=f"{in_digits(part.rms * factor)} {unit}",
+                chi2=in_digits(part.chi2_per_dof),
+            )
             for part, name, unit, factor in self._parts()
             if part.n
         ]
-        return "; ".join(reported)
+        return joined(reported) if reported else ""
 
     def _parts(self) -> tuple[tuple[ComparedRows, str, str, float], ...]:
         return (

@@ -17,6 +17,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.repeats import SAME_ANGLE, SAME_POSITION, approach
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.sentences import said
 
 F64 = NDArray[np.float64]
 
@@ -281,16 +282,28 @@ def _range(high: F64, low: F64) -> float | None:
 
 def _notes(runs: Runs) -> Sequence[str]:
     notes = []
-    for name, table in (("upwards", runs.up), ("downwards", runs.down)):
+    for name, table in ((said("upwards"), runs.up), (said("downwards"), runs.down)):
         n = int(np.isfinite(table).sum(axis=1).max(initial=0))
         if n == 0:
-            notes.append(f"not measured {name}")
+            notes.append(said("not measured {way}", way=name))
+        elif n == 1:
+            notes.append(
+                said("1 run {way}, the standard asks for {all}", way=name, all=STANDARD_RUNS)
+            )
         elif n < STANDARD_RUNS:
-            notes.append(f"{n} run{'s' * (n > 1)} {name}, the standard asks for {STANDARD_RUNS}")
+            notes.append(
+                said(
+                    "{n} runs {way}, the standard asks for {all}", n=n, way=name, all=STANDARD_RUNS
+                )
+            )
         if n and (np.isfinite(table).sum(axis=1) != n).any():
-            notes.append(f"not every target was read in every run {name}")
+            notes.append(said("not every target was read in every run {way}", way=name))
     if len(runs.targets) < STANDARD_TARGETS:
         notes.append(
-            f"{len(runs.targets)} targets, the standard asks for at least {STANDARD_TARGETS}"
+            said(
+                "{n} targets, the standard asks for at least {all}",
+                n=len(runs.targets),
+                all=STANDARD_TARGETS,
+            )
         )
     return notes

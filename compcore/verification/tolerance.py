@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 from abbe.compcore.artefacts.decision_rule import Conformity, decided
 from abbe.compcore.errors import InputError
+from abbe.compcore.sentences import joined, said
 from abbe.compcore.verification.fitted import FittedPart
 from abbe.compcore.verification.line_test import AXIS, LineTest
 from abbe.compcore.verification.placed import PlacedFigure
@@ -153,7 +154,8 @@ def _state(
 ) -> JudgedState:
     value, sd = test.value(tolerance.figure), test.sd(tolerance.figure)
     if value is None or sd is None:
-        reason = "; ".join(test.result.notes) or "the runs do not give it"
+        notes = test.result.notes
+        reason = joined(notes) if notes else said("the runs do not give it")
         return JudgedState(None, None, Conformity.NEITHER, reason)
     return _decided(value, coverage * sd, tolerance, fitted)
 
@@ -163,6 +165,6 @@ def _decided(
 ) -> JudgedState:
     outcome = decided(value, tolerance.limit, expanded)
     if outcome is Conformity.PASSES and fitted is FittedPart.ROWS:
-        reason = "the model was fitted to these readings"
+        reason = said("the model was fitted to these readings")
         return JudgedState(value, expanded, Conformity.NEITHER, reason)
     return JudgedState(value, expanded, outcome)

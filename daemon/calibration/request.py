@@ -51,6 +51,8 @@ class CalibrationRequest:
     tolerances, mpe
         What is stated for the check, as `abbe verify` takes it; `tolerances` None: both as they
         were stated last.
+    language
+        Of the certificate.
     """
 
     configuration: Configuration
@@ -68,6 +70,7 @@ class CalibrationRequest:
     at: tuple[str, ...] = ("reference",)
     tolerances: tuple[str, ...] | None = None
     mpe: str = ""
+    language: str = "en"
 
     @property
     def config(self) -> Path:

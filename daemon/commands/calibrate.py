@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from abbe.daemon.arguments.measurements.plan_reading import Feed, Stands
-from abbe.daemon.arguments.options import ConfigFile
+from abbe.daemon.arguments.options import ConfigFile, PageIn
 
 
 def register(app: typer.Typer) -> None:
@@ -51,6 +51,7 @@ def calibrate(
     mpe: Annotated[
         str, typer.Option(help="Limit of lengths, likewise.", metavar="A+L/K")
     ] = "",
+    language: PageIn = "en",
     upto: Annotated[
         str, typer.Option(help="Stop after this step; the same command goes on.", metavar="STEP")
     ] = "",
@@ -71,7 +72,9 @@ def calibrate(
     from abbe.daemon.commands.calibration.guide import left_out_of, outcome_of
     from abbe.daemon.config import load_config
     from abbe.daemon.measure.person import somebody_there
+    from abbe.daemon.report.language import language as known_language
 
+    known_language(language)
     if not yes and not somebody_there():
         raise AbbeError("nobody can be asked (no terminal): say --yes")
     configuration = load_config(config)
@@ -82,7 +85,7 @@ def calibrate(
     request = CalibrationRequest(
         configuration, folder, time, check_time, tuple(tool or ()), controller, tables, yes,
         feed=feed, stands=stands, at=tuple(at or ("reference",)),
-        tolerances=tuple(tolerance or ()), mpe=mpe,
+        tolerances=tuple(tolerance or ()), mpe=mpe, language=language,
     )  # fmt: skip
 
     if controller and request.touches:

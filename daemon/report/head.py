@@ -7,7 +7,7 @@ as such: who prints the page sees what its campaign lacks.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from html import escape
 from pathlib import Path, PurePath
@@ -19,10 +19,12 @@ from abbe.compcore.files.model_toml.campaign_record import conditions_of
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import said
 
 ALWAYS = ("date", "machine", "serial", "operator", "instrument", "environment")
 """What stands on every page, stated or not."""
 _UNSTATED = "not stated"
+_RESTS = said("Rests on")
 _SHORT = 12
 AIR = ("ambient", "air")
 """Roles of signals that say how warm the air is."""
@@ -52,22 +54,29 @@ class PageHead:
     facts: Mapping[str, str]
     files: Sequence[FileOnPage] = ()
 
-    def html(self) -> str:
-        """The head as HTML."""
+    def html(self, say: Callable[[str], str] = str) -> str:
+        """The head as HTML.
+
+        Parameters
+        ----------
+        say
+            A text in the language of the page.
+        """
+        unstated = escape(say(_UNSTATED))
         cells = "".join(
-            f"<div><dt>{escape(name)}</dt>"
-            + (f"<dd>{escape(text)}</dd>" if text else f'<dd class="unstated">{_UNSTATED}</dd>')
+            f"<div><dt>{escape(say(name))}</dt>"
+            + (f"<dd>{escape(say(text))}</dd>" if text else f'<dd class="unstated">{unstated}</dd>')
             + "</div>"
             for name, text in self.facts.items()
         )
         rows = "".join(
-            f"<tr><td>{escape(f.part)}</td><td>{escape(PurePath(f.file).name)}</td>"
+            f"<tr><td>{escape(say(f.part))}</td><td>{escape(PurePath(f.file).name)}</td>"
             f"<td>{_digest(f.sha256)}</td></tr>"
             for f in self.files
         )
         table = (
-            '<table class="files"><thead><tr><th scope="col">Rests on</th>'
-            '<th scope="col">File</th><th scope="col">SHA-256</th></tr></thead>'
+            f'<table class="files"><thead><tr><th scope="col">{escape(say(_RESTS))}</th>'
+            f'<th scope="col">{escape(say("File"))}</th><th scope="col">SHA-256</th></tr></thead>'
             f"<tbody>{rows}</tbody></table>"
         )
         return f'<dl class="facts">{cells}</dl>' + (table if rows else "")

@@ -17,9 +17,12 @@ from typing import Any
 import numpy as np
 
 from abbe.compcore.files.text.atomic import write_atomically
+from abbe.compcore.sentences import Sentence, said
 from abbe.compcore.units import in_digits
 from abbe.daemon.installed import abbe_version
 from abbe.daemon.report.head import PageHead
+from abbe.daemon.report.language import ENGLISH, PageLanguage
+from abbe.daemon.report.language import language as known_language
 from abbe.daemon.report.pictures.packed import packed_pictures
 from abbe.daemon.report.pictures.still import still
 from abbe.daemon.report.style import STYLE
@@ -48,6 +51,8 @@ class Page:
         One line below it.
     head
         Which machine, when, by whom, and which files.
+    language
+        In which all texts are shown that it knows.
 
     Examples
     --------
@@ -58,38 +63,50 @@ class Page:
     True
     """
 
-    def __init__(self, title: str, subtitle: str = "", head: PageHead | None = None) -> None:
-        self._title = title
-        self._subtitle = subtitle
+    def __init__(
+        self,
+        title: str,
+        subtitle: str = "",
+        head: PageHead | None = None,
+        language: PageLanguage | None = None,
+    ) -> None:
+        self._language = known_language(ENGLISH) if language is None else language
+        self._title = self._language.say(title)
+        self._subtitle = self._language.say(subtitle)
         self._head = head
         self._made = datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
         self._body: list[str] = []
         self._figures: dict[str, Any] = {}
 
+    def _text(self, text: str) -> str:
+        """A text in the page's language, as HTML."""
+        return escape(self._language.say(text))
+
     def section(self, heading: str) -> None:
         """Begin a section."""
-        self._body.append(f"<h2>{escape(heading)}</h2>")
+        self._body.append(f"<h2>{self._text(heading)}</h2>")
 
     def subsection(self, heading: str, spec: str = "") -> None:
         """Begin a part of a section; `spec` is what Abbe's commands call it."""
         beside = f" <code>{escape(spec)}</code>" if spec else ""
-        self._body.append(f"<h3>{escape(heading)}{beside}</h3>")
+        self._body.append(f"<h3>{self._text(heading)}{beside}</h3>")
 
     def text(self, paragraph: str) -> None:
         """Add a paragraph."""
-        self._body.append(f"<p>{escape(paragraph)}</p>")
+        self._body.append(f"<p>{self._text(paragraph)}</p>")
 
     def notes(self, notes: Sequence[str], *, warning: bool = False) -> None:
         """Add remarks, set apart; nothing when there are none."""
         if notes:
-            items = "".join(f"<li>{escape(note)}</li>" for note in notes)
+            items = "".join(f"<li>{self._text(note)}</li>" for note in notes)
             kind = "warning" if warning else "note"
             self._body.append(f'<ul class="notes {kind}">{items}</ul>')
 
     def key_figures(self, figures: Sequence[tuple[str, str, str]]) -> None:
         """Add a row of (label, value, unit) in large type: what the reader came for."""
         cells = "".join(
-            f"<div><dt>{escape(label)}</dt><dd>{escape(value)} <small>{escape(unit)}</small></dd>"
+            f"<div><dt>{self._text(label)}</dt><dd>{self._text(value)} "
+            f"<small>{self._text(unit)}</small></dd>"
             "</div>"
             for label, value, unit in figures
         )
@@ -112,24 +129,36 @@ class Page:
         ]
         decimals = [_decimals([row[i] for row in rows], digits) for i in range(len(columns))]
         head = "".join(
-            f'<th scope="col"{_NUMBER if is_number else ""}>{escape(column)}</th>'
+            # a column without a name is no heading
+            f'<th scope="col"{_NUMBER if is_number else ""}>{self._text(column)}</th>'
+            if column
+            else "<td></td>"
             for column, is_number in zip(columns, numeric, strict=True)
         )
         body = "".join(
-            f"<tr>{''.join(_cell(v, d) for v, d in zip(row, decimals, strict=True))}</tr>"
+            f"<tr>{''.join(self._cell(v, d) for v, d in zip(row, decimals, strict=True))}</tr>"
             for row in rows
         )
-        title = f"<caption>{escape(caption)}</caption>" if caption else ""
+        title = f"<caption>{self._text(caption)}</caption>" if caption else ""
+        # what is wider than the window is scrolled with keys, too
+        label = self._text(caption) or ", ".join(self._text(c) for c in columns if c)
         self._body.append(
-            f'<div class="wide"><table>{title}<thead><tr>{head}</tr></thead>'
+            f'<div class="wide" tabindex="0" role="group" aria-label="{label}">'
+            f"<table>{title}<thead><tr>{head}</tr></thead>"
             f"<tbody>{body}</tbody></table></div>"
         )
+
+    def _cell(self, value: str | float | None, decimals: int) -> str:
+        if isinstance(value, str):
+            return f"<td>{self._text(value)}</td>"
+        return f"<td{_NUMBER}>{escape(_text(value, decimals))}</td>"
 
     def figure(self, figure: Figure, caption: str = "") -> None:
         """Add a Plotly figure (see `abbe.compcore.figures.figure`)."""
         name = f"figure-{len(self._figures) + 1}"
+        figure = named_in(figure, self._language)
         self._figures[name] = plain(figure)
-        text = f"<figcaption>{escape(caption)}</figcaption>" if caption else ""
+        text = f"<figcaption>{self._text(caption)}</figcaption>" if caption else ""
         in_space = any(_in_space(trace) for trace in figure["data"])
         space, drawing = (" data-space", still(figure)) if in_space else ("", "")
         height = figure["layout"].get("height", _HEIGHT)
@@ -147,11 +176,13 @@ class Page:
 
     def html(self) -> str:
         """The whole page; on paper each sheet says in its margin what made it."""
-        made = f"Made by Abbe {abbe_version()}, {self._made}"
+        made = self._language.say(
+            said("Made by Abbe {version}, {at}", version=abbe_version(), at=self._made)
+        )
         margin = f'@page {{ @bottom-left {{ content: "{made}"; font-size: 8pt; color: #555 }} }}'
         parts = [
             "<!DOCTYPE html>",
-            '<html lang="en"><head><meta charset="utf-8">',
+            f'<html lang="{self._language.code}"><head><meta charset="utf-8">',
             f'<meta http-equiv="Content-Security-Policy" content="{_POLICY}">',
             '<meta name="viewport" content="width=device-width, initial-scale=1">',
             f'<meta name="generator" content="Abbe {abbe_version()}">',
@@ -160,7 +191,7 @@ class Page:
             f"<header><h1>{escape(self._title)}</h1>",
             f"<p>{escape(self._subtitle)}</p>" if self._subtitle else "",
             "</header>",
-            "" if self._head is None else self._head.html(),
+            "" if self._head is None else self._head.html(self._language.say),
             *self._body,
             f"</main><footer>{made}</footer>",
         ]
@@ -189,11 +220,6 @@ def _decimals(column: Sequence[str | float | None], digits: int) -> int:
     greatest = max((abs(v) for v in column if isinstance(v, float) and isfinite(v)), default=0.0)
     # what only a row of zeros could show is nothing
     return max(0, digits - 1 - floor(log10(greatest))) if greatest > 0.5 * 10.0**-_MOST else 0
-
-
-def _cell(value: str | float | None, decimals: int) -> str:
-    right = "" if isinstance(value, str) else _NUMBER
-    return f"<td{right}>{escape(_text(value, decimals))}</td>"
 
 
 def _text(value: str | float | None, decimals: int) -> str:
@@ -234,7 +260,20 @@ def typeset(text: str) -> str:
     >>> typeset("-4.2 ± 1.1 of -X, 2026-11-26, 01_laser-2")
     '−4.2 ± 1.1 of -X, 2026-11-26, 01_laser-2'
     """
+    if isinstance(text, Sentence):
+        return text.rewritten(typeset)
     return _MINUS.sub("−", text)
+
+
+def named_in(figure: Figure, language: PageLanguage) -> Figure:
+    """A figure whose curves and axes are named in a language."""
+    data = [{**t, "name": language.say(t["name"])} if t.get("name") else t for t in figure["data"]]
+    layout = dict(figure["layout"])
+    for key, part in layout.items():
+        if key[1:].startswith("axis") and isinstance(part.get("title"), Mapping):
+            title = part["title"]
+            layout[key] = {**part, "title": {**title, "text": language.say(title.get("text", ""))}}
+    return {**figure, "data": data, "layout": layout}
 
 
 def _in_space(trace: Mapping[str, Any]) -> bool:

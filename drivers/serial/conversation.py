@@ -26,6 +26,8 @@ from abbe.drivers.serial.port.port import Port
 from abbe.drivers.serial.port.sending import see_sent, withdrawn
 from abbe.drivers.serial.question import DeviceRefusedError, SerialQuestion
 
+_ECHOED = "it begins with what was asked: is that an echo (local_echo = true)?"
+
 
 class LateAnswerError(LinkTimeoutError):
     """Nothing was asked: the answer to an earlier query may still come and pass for this one's."""
@@ -70,6 +72,7 @@ class Conversation:
         self._answer: ReplyWait[Match] = ReplyWait(self._wait)
         self._lines: list[bytes] = []
         self._unfit: LinkProtocolError | None = None
+        self._came = b""
         self._echo: bytes | None = None
         self.round_trip = float("nan")
         self.asked_at = self.answered_at = 0.0
@@ -202,6 +205,8 @@ class Conversation:
             found = await answer.get(limit)
         except TimeoutError:
             if self._unfit is not None:
+                if self._heard_itself(data):
+                    raise LinkProtocolError(f"{self._unfit}; {_ECHOED}") from None
                 raise self._unfit from None
             question.asked_at = began
             if port.unsent:
@@ -216,6 +221,10 @@ class Conversation:
             self.answered_at = time.monotonic()
         self.round_trip = self.answered_at - began
         return found
+
+    def _heard_itself(self, data: bytes) -> bool:
+        """Whether what came begins with what was asked, and nobody has said that it would."""
+        return not self._config.local_echo and self._came.startswith(data.rstrip(b"\r\n") or b"\n")
 
     def _limit(self, characters: int) -> float:
         """Time in s for so many characters there and back."""
@@ -262,7 +271,7 @@ class Conversation:
         except DeviceRefusedError as error:
             answer.fail(error)
         except LinkProtocolError as error:
-            self._unfit = error
+            self._unfit, self._came = error, self._lines[0]
             del self._lines[0]
 
     def _lose(self, why: str) -> None:

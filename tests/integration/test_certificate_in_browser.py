@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, sync_playwright
 
+from tests.support.daemon.browser import assert_for_everybody
 from tests.support.daemon.command_line import abbe
+from tests.support.daemon.german import english_on
 from tests.support.daemon.verified_line import SCALE, fitted, line, written
 from tests.support.pdf_text import pages_of
 
@@ -24,6 +26,8 @@ WIDE = """() => [...document.querySelectorAll("body *")]
   .filter((node) => node.getBoundingClientRect().right > document.documentElement.clientWidth + 1)
   .map((node) => node.outerHTML.slice(0, 80))"""
 """What sticks out to the right, tables that scroll by themselves apart."""
+OWN = frozenset({"XL-80, 12A345", "hall 3"})
+"""What people wrote."""
 BEFORE, AFTER = (230, 159, 0), (0, 114, 178)
 """The colours of the bars."""
 
@@ -40,23 +44,33 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture(scope="module")
 def certificate(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("certificate")
+    return made(tmp_path_factory.mktemp("certificate"), "en")
+
+
+@pytest.fixture(scope="module")
+def german(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return made(tmp_path_factory.mktemp("zertifikat"), "de")
+
+
+def made(folder: Path, language: str) -> Path:
+    """A certificate with lines, tolerances and lengths, before and after."""
     model = fitted(folder)
     after = written(folder / "after.csv", line("x_check", 310.0, scale=0.0))
     before = written(folder / "before.csv", line("x_check", 310.0, scale=SCALE))
     page = folder / "certificate.html"
     done = abbe(
         "verify", model, after, "--before", before, "--tolerance", "E=12um", "--tolerance",
-        "A=13um", "--mpe", "9", "--report", page,
+        "A=13um", "--mpe", "9", "--report", page, "--language", language,
     )  # fmt: skip
     assert done.status == 4, done.err
     return page
 
 
-@pytest.mark.parametrize("width", [360, 1280])
+@pytest.mark.parametrize(("which", "width"), [("german", 360), ("certificate", 1280)])
 def test_it_is_read_on_a_telephone_and_on_a_desk(
-    browser: Browser, certificate: Path, width: int
+    browser: Browser, request: pytest.FixtureRequest, which: str, width: int
 ) -> None:
+    certificate: Path = request.getfixturevalue(which)
     context = browser.new_context(viewport={"width": width, "height": 740}, color_scheme="light")
     page = context.new_page()
     page.set_default_timeout(PATIENCE_MS)
@@ -71,6 +85,10 @@ def test_it_is_read_on_a_telephone_and_on_a_desk(
     assert page.evaluate("document.documentElement.scrollWidth") <= width
     assert page.evaluate(WIDE) == []
     assert page.evaluate("getComputedStyle(document.body).backgroundColor") == "rgb(255, 255, 255)"
+    assert_for_everybody(page)
+    english = list(english_on(page, OWN))
+    assert page.evaluate("document.documentElement.lang") == {"german": "de"}.get(which, "en")
+    assert english == [] if which == "german" else len(english) > 20
     context.close()
 
 

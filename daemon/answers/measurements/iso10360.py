@@ -21,6 +21,7 @@ from abbe.compcore.artefacts.measured_length import MeasuredLength
 from abbe.compcore.artefacts.permissible import PermissibleError
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.artefacts.lengths import read_lengths
+from abbe.compcore.sentences import said
 
 WORDS: Mapping[DecisionRule, Mapping[Outcome, str]] = {
     DecisionRule.SIMPLE: {
@@ -208,10 +209,13 @@ def as_text(answer: LengthAnswer) -> Iterator[str]:
 def where(judged: JudgedLength) -> str:
     """A value with its place: ``+3.10 µm of ±3.57 at 500 mm, x 1, run 2 (line 14)``."""
     length = judged.length
-    limit = f"±{judged.permissible * 1e3:.2f}"
+    limit: str = f"±{judged.permissible * 1e3:.2f}"
     if judged.guard:
-        limit += f" (zone ±{judged.limit * 1e3:.2f})"
-    return (
-        f"{length.error * 1e3:+.2f} µm of {limit} at {length.calibrated.length:.6g} mm, "
-        f"{length.position}, run {length.run}" + (f" (line {length.line})" if length.line else "")
-    )
+        zone = f"±{judged.limit * 1e3:.2f}"
+        limit = said("{limit} (zone {zone})", limit=limit, zone=zone)
+    words: str = said(
+        "{error} µm of {limit} at {length} mm, {place}, run {run}",
+        error=f"{length.error * 1e3:+.2f}", limit=limit, length=f"{length.calibrated.length:.6g}",
+        place=length.position, run=length.run,
+    )  # fmt: skip
+    return said("{where} (line {n})", where=words, n=length.line) if length.line else words

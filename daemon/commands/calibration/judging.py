@@ -89,7 +89,7 @@ def judge_check(
 
     done = judge(
         named, known, files, stated.get("tolerance", "").split(), stated.get("mpe") or None, page,
-        notes=(left_out,) if left_out else (), doubt=doubt,
+        notes=(left_out,) if left_out else (), doubt=doubt, language=request.language,
     )  # fmt: skip
     for line in answer.as_text(done):
         say(line)

@@ -88,7 +88,7 @@ def main() -> None:
             request = CalibrationRequest(
                 load_config(Path(task["config"])), Path(task["folder"]), task["time"],
                 task["check_time"], tuple(task["tools"]), task["controller"], task["tables"],
-                yes=False, by=task["by"], as_json=True,
+                yes=False, by=task["by"], as_json=True, language=task.get("language", "en"),
             )  # fmt: skip
             calibrate(request, typer.echo, ask, step)
         done = any(now.step.name == step and now.at for now in steps_now(request))

@@ -32,7 +32,7 @@ from abbe.daemon.arguments.measurements.survey_options import (
     ToolRadius,
     Tools,
 )
-from abbe.daemon.arguments.options import ActiveModel, AsJson, Force, Report
+from abbe.daemon.arguments.options import ActiveModel, AsJson, Force, PageIn, Report
 
 if TYPE_CHECKING:
     from abbe.compcore.planning.plan import SurveyPlan
@@ -103,6 +103,7 @@ def verify(
     tool_radius: ToolRadius = 0.0,
     as_json: AsJson = False,
     report: Report = None,
+    language: PageIn = "en",
     force: Force = False,
 ) -> None:
     """Judge a machine by lines that its model was not fitted to, before and after.
@@ -120,7 +121,9 @@ def verify(
         named_model,
     )
     from abbe.daemon.outputs import PLAN, REPORT, check_outputs
+    from abbe.daemon.report.language import language as known_language
 
+    known_language(language)
     files = VerifiedFiles(
         tuple(campaigns or []), tuple(before or []), active, check, tables, tuple(fitted or [])
     )
@@ -158,7 +161,8 @@ def verify(
         return
 
     means = StatedMeans(instrument, scale_sd, temperature_sd, expansion, expansion_sd, misalignment)
-    done = judge(named, known, files, tolerance or [], mpe, report, means=means, coverage=coverage)
+    done = judge(named, known, files, tolerance or [], mpe, report, means=means, coverage=coverage,
+                 language=language)  # fmt: skip
     if as_json:
         say(json.dumps(answer.as_json(done), ensure_ascii=False))
     else:
@@ -181,6 +185,7 @@ def judge(
     coverage: float = 2.0,
     notes: Sequence[str] = (),
     doubt: Callable[[Verification], str] | None = None,
+    language: str = "en",
 ) -> VerificationAnswer:
     """Judge what was measured, as the command does, and write the certificate.
 
@@ -192,6 +197,8 @@ def judge(
         What else takes weight from it, for the certificate.
     doubt
         Why what was found proves nothing all the same, or empty.
+    language
+        Of the certificate.
 
     Raises
     ------
@@ -216,9 +223,10 @@ def judge(
         found = done.verification
         done = replace(done, verification=replace(found, doubt=doubt(found)))
     if report is not None:
+        from abbe.daemon.report.language import language as known_language
         from abbe.daemon.report.measurements.certificate import certificate
 
-        certificate(done).write(report)
+        certificate(done, known_language(language)).write(report)
     return done
 
 

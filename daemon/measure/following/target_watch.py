@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,6 +12,7 @@ from abbe.compcore.planning.visits import SetupVisits
 from abbe.daemon.config.sections.measure import MeasureSection
 from abbe.daemon.measure.following.average import Averaging, SteadyReading, unsteady
 from abbe.daemon.measure.following.instrument import Instrument
+from abbe.daemon.measure.following.liveliness import InstrumentLiveliness
 from abbe.daemon.measure.following.standstill import Standstill
 from abbe.daemon.measure.machine_view import SeenMachine, missing_signal
 
@@ -18,6 +20,8 @@ _ELSEWHERE = 3.0
 """s of standing at no target after which that is said."""
 _SPREAD = 3.0
 """µm or µrad by which readings of an instrument that is surer than that may scatter."""
+_NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
+"""What differs from time to time where the same is in the way."""
 _UNSEEN = "this computer was too busy to see from which side it came"
 
 
@@ -73,9 +77,11 @@ class TargetWatch:
         self._visit: int | None = None
         self._done = False
         self._why = ""
+        self._said: set[str] = set()
         self._elsewhere = False
         self._came: dict[str, float] = {}
         self._averaging = Averaging(0.0, limits.average)
+        self._lively = InstrumentLiveliness()
 
     @property
     def at(self) -> int | None:
@@ -86,6 +92,7 @@ class TargetWatch:
         """Begin anew, with another set-up: where it stands now is looked at again."""
         self._visit, self._done, self._why, self._elsewhere = None, False, "", False
         self._standstill.forget()
+        self._lively = InstrumentLiveliness()
 
     def step(self, seen: SeenMachine, instrument: Instrument, visits: SetupVisits) -> Outcome:
         """Take a look in; what has come of it."""
@@ -97,7 +104,9 @@ class TargetWatch:
                 self._begin(seen.time + self._limits.settle)
             return None
         positions = [seen.positions[axis] for axis in self._axes]
-        if not self._standstill.step(seen.time, positions):
+        stands = self._standstill.step(seen.time, positions)
+        self._lively.add(instrument.time, instrument.values, stands=stands)
+        if not stands:
             left = None
             if self._visit is not None and not self._done:
                 left = TargetLeft(self._visit, self._why or "too short a stop")
@@ -115,6 +124,7 @@ class TargetWatch:
     def _arrive(self, seen: SeenMachine, visits: SetupVisits) -> Outcome:
         self._visit = visits.at(seen.positions, seen.directions)
         if self._visit is not None:
+            self._said.clear()
             self._came = dict(seen.directions)
             if unseen := sorted(seen.unseen & visits.told_by_direction):
                 self._done = True
@@ -132,6 +142,8 @@ class TargetWatch:
     def _read(self, seen: SeenMachine, instrument: Instrument, visits: SetupVisits) -> Outcome:
         assert self._visit is not None  # noqa: S101 - `step` saw to it
         missing = instrument.problem or missing_signal(seen, self._limits.signals_held)
+        if not missing and self._lively.frozen:
+            missing = f"{instrument.name} reads the very same again and again: does it measure?"
         if missing:
             self._begin(seen.time + self._limits.settle)
             return self._say(missing)
@@ -159,5 +171,9 @@ class TargetWatch:
 
     def _say(self, why: str, reading: SteadyReading | None = None) -> Outcome:
         assert self._visit is not None  # noqa: S101 - as above
-        known, self._why = self._why, why
-        return None if why == known else TargetUnsteady(self._visit, why, reading)
+        self._why = why
+        bare = _NUMBER.sub("", why)
+        if bare in self._said:
+            return None
+        self._said.add(bare)
+        return TargetUnsteady(self._visit, why, reading)

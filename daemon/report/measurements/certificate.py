@@ -7,7 +7,16 @@ from collections.abc import Iterator
 from abbe.compcore.artefacts.decision_rule import Conformity
 from abbe.compcore.campaign.measuring_conditions import of_files
 from abbe.compcore.figures.figure import COLOURS, Figure, Trace, figure
-from abbe.compcore.verification.budget import CAUSES, FIGURES, combined
+from abbe.compcore.sentences import Sentence, as_it_stands, joined, said
+from abbe.compcore.verification.budget import (
+    CAUSES,
+    EXPANSION,
+    FIGURES,
+    INSTRUMENT,
+    REPEATABILITY,
+    SETUP,
+    combined,
+)
 from abbe.compcore.verification.lengths import LengthsVerified
 from abbe.compcore.verification.line_test import LineTest
 from abbe.compcore.verification.tolerance import JudgedState
@@ -26,25 +35,38 @@ from abbe.daemon.answers.measurements.verify import (
     shown_with,
 )
 from abbe.daemon.report.head import FileOnPage, PageHead, facts_of, file_on_page
+from abbe.daemon.report.language import PageLanguage
 from abbe.daemon.report.page import Page, number, typeset
 
 _BEFORE, _AFTER, _LIMIT = COLOURS[4], COLOURS[0], "#1b1f24"
+_LINE, _SETUP, _FIGURE, _UNIT = said("Measured line"), said("Set-up"), said("Figure"), said("Unit")
+_CAUSES = {
+    INSTRUMENT: said("Instrument"),
+    EXPANSION: said("Thermal expansion"),
+    REPEATABILITY: said("Repeatability"),
+    SETUP: _SETUP,
+}
+_BEFORE_U, _AFTER_U = said("Before ± U"), said("After ± U")
 
 
-def certificate(answer: VerificationAnswer) -> Page:
-    """Lay out a verification."""
+def certificate(answer: VerificationAnswer, language: PageLanguage | None = None) -> Page:
+    """Lay out a verification, in English or another language."""
     found = answer.verification
     machine = answer.model.machine
     page = Page(
-        f"Certificate of verification: {machine.name or 'machine'}",
-        typeset(f"{machine.structure}; {outcome_words(found)}"),
+        said("Certificate of verification: {machine}", machine=machine.name or said("machine")),
+        typeset(said("{structure}; {how}", structure=machine.structure, how=outcome_words(found))),
         _head(answer),
+        language,
     )
     page.key_figures(list(_key(found)))
     page.text(
-        f"State after: {answer.after_words}. State before: {answer.before_words}. Errors are "
-        "actual minus indicated (ISO 230-1); errors of indication of lengths are measured minus "
-        "true (ISO 10360-2)."
+        said(
+            "State after: {after}. State before: {before}. Errors are actual minus indicated "
+            "(ISO 230-1); errors of indication of lengths are measured minus true (ISO 10360-2).",
+            after=answer.after_words,
+            before=answer.before_words,
+        )
     )
     page.notes(list(map(typeset, answer.warnings())), warning=True)
     if found.figures:
@@ -59,8 +81,10 @@ def certificate(answer: VerificationAnswer) -> Page:
         _foretold(page, found)
     if found.lines:
         _budget(page, found)
-    page.section("Issued")
-    page.table(["Place and date", "Name", "Signature"], [["\u00a0", "\u00a0", "\u00a0"]])
+    page.section(said("Issued"))
+    page.table(
+        [said("Place and date"), said("Name"), said("Signature")], [["\u00a0", "\u00a0", "\u00a0"]]
+    )
     return page
 
 
@@ -69,10 +93,12 @@ def _head(answer: VerificationAnswer) -> PageHead:
     if answer.named.config is not None:
         files.append(file_on_page("configuration", answer.named.config))
     if answer.check is not None:
-        files.append(file_on_page("check plan", answer.check))
-    files += [FileOnPage("campaign, after", f, d) for f, d in answer.campaign.files.items()]
+        files.append(file_on_page(said("check plan"), answer.check))
+    files += [FileOnPage(said("campaign, after"), f, d) for f, d in answer.campaign.files.items()]
     if answer.before is not None:
-        files += [FileOnPage("campaign, before", f, d) for f, d in answer.before.files.items()]
+        files += [
+            FileOnPage(said("campaign, before"), f, d) for f, d in answer.before.files.items()
+        ]
     if answer.tables is not None:
         files += [FileOnPage("table", f, d) for f, d in answer.tables.checksums.items()]
     return PageHead(facts_of(of_files(answer.campaign), answer.model.machine), files)
@@ -80,8 +106,8 @@ def _head(answer: VerificationAnswer) -> PageHead:
 
 def _key(found: Verification) -> Iterator[tuple[str, str, str]]:
     yield (
-        "outcome" if found.measured else "outcome, computed",
-        WORDS[found.outcome] if found.outcome else check_verdict(found).outcome.value,
+        said("outcome") if found.measured else said("outcome, computed"),
+        WORDS[found.outcome] if found.outcome else as_it_stands(check_verdict(found).outcome.value),
         "",
     )
     outcomes = [f.outcome for f in found.figures]
@@ -90,37 +116,40 @@ def _key(found: Verification) -> Iterator[tuple[str, str, str]]:
     if outcomes:
         kept = sum(o is Conformity.PASSES for o in outcomes)
         yield (
-            "proven to be kept" if found.measured else "kept, as computed",
-            f"{kept} of {len(outcomes)}",
-            "tolerances",
+            said("proven to be kept") if found.measured else said("kept, as computed"),
+            said("{n} of {all}", n=kept, all=len(outcomes)),
+            said("tolerances"),
         )
     pairs = [(v.before, v.after) for v in found.lines if v.before and not v.after.rotary]
     worst = [
         (max(values), name)
         for name, values in (
-            ("before", [b.figures.get("E", 0.0) for b, _ in pairs]),
-            ("after", [a.figures.get("E", 0.0) for _, a in pairs]),
+            (said("before"), [b.figures.get("E", 0.0) for b, _ in pairs]),
+            (said("after"), [a.figures.get("E", 0.0) for _, a in pairs]),
         )
         if values
     ]
     ranges = [p for p in found.placed if p.unit == "mm"]
     if ranges and not pairs:
         for name, sizes in (
-            ("before", [p.before for p in ranges if p.before is not None]),
-            ("after", [p.after for p in ranges]),
+            (said("before"), [p.before for p in ranges if p.before is not None]),
+            (said("after"), [p.after for p in ranges]),
         ):
             if sizes:
-                yield f"greatest range of readings, {name}", number(max(sizes) * 1e3, 3), "µm"
+                what = said("greatest range of readings, {state}", state=name)
+                yield what, number(max(sizes) * 1e3, 3), "µm"
     if not any(value for value, _ in worst) and not ranges and "mm" in found.left:
-        for name, size in zip(("before", "after"), found.left["mm"], strict=False):
-            yield f"all readings, rms, {name}", number(size * 1e3, 3), "µm"
+        states = (said("before"), said("after"))
+        for name, size in zip(states, found.left["mm"], strict=False):
+            yield said("all readings, rms, {state}", state=name), number(size * 1e3, 3), "µm"
         return
     for value, name in worst:
-        yield f"greatest systematic error E, {name}", number(value * 1e3, 3), "µm"
+        what = said("greatest systematic error E, {state}", state=name)
+        yield what, number(value * 1e3, 3), "µm"
 
 
 def _judged(page: Page, found: Verification) -> None:
-    page.section("Stated tolerances")
+    page.section(said("Stated tolerances"))
     rows = []
     for one in found.figures:
         unit, factor = judged_unit(one)
@@ -134,21 +163,30 @@ def _judged(page: Page, found: Verification) -> None:
                 *_judged_state(one.after, factor),
             ]
         )
-    states = ["Before ± U", "Outcome before", "After ± U", "Outcome"]
-    heads = ["Line", "Set-up", "Figure", "Tolerance", *states]
+    states = [_BEFORE_U, said("Outcome before"), _AFTER_U, said("Outcome")]
+    heads = [_LINE, _SETUP, _FIGURE, said("Tolerance"), *states]
     page.table(heads, rows)
     page.text(
-        f"Decision rule (ISO 14253-1): guard band U = k·u on either side, k = {found.coverage:g}. "
-        "A tolerance is proven to be kept where the figure and U together do not exceed it, proven "
-        "not to be kept where the figure less U exceeds it; between the two neither is proven."
+        said(
+            "Decision rule (ISO 14253-1): guard band U = k·u on either side, k = {k}. A tolerance "
+            "is proven to be kept where the figure and U together do not exceed it, proven not to "
+            "be kept where the figure less U exceeds it; between the two neither is proven.",
+            k=f"{found.coverage:g}",
+        )
     )
+
+
+def _meaning(figure_name: str) -> Sentence:
+    return as_it_stands(MEANINGS[figure_name])
 
 
 def _judged_state(state: JudgedState | None, factor: float) -> tuple[str, str]:
     """A figure with U, and what is proven of it; of what nobody measured nothing."""
     if state is None:
-        return "–", "not measured"
-    words = WORDS[state.outcome] + (f" ({state.reason})" if state.reason else "")
+        return "–", said("not measured")
+    words = WORDS[state.outcome]
+    if state.reason:
+        words = said("{outcome} ({why})", outcome=words, why=state.reason)
     if state.value is None or state.expanded is None:
         return "–", words
     shown, expanded = state.value * factor, state.expanded * factor
@@ -156,11 +194,19 @@ def _judged_state(state: JudgedState | None, factor: float) -> tuple[str, str]:
 
 
 def _figures(page: Page, found: Verification) -> None:
-    page.section("Before and after")
+    page.section(said("Before and after"))
     named = [n for n in FIGURES if n in MEANINGS]
-    page.text("; ".join(f"{n}: {MEANINGS[n]}" for n in named) + " (ISO 230-2; diagonals 230-6).")
+    meanings = joined(said("{figure}: {what}", figure=n, what=_meaning(n)) for n in named)
+    page.text(said("{meanings} (ISO 230-2; diagonals 230-6).", meanings=meanings))
     bars = [
-        (_bars(found, figure_name), f"{figure_name}, {MEANINGS[figure_name]}; U at the bars' ends.")
+        (
+            _bars(found, figure_name),
+            said(
+                "{figure}, {what}; U at the bars' ends.",
+                figure=figure_name,
+                what=_meaning(figure_name),
+            ),
+        )
         for figure_name in ("A", "E", "R")
         if any(figure_name in v.after.figures and not v.after.rotary for v in found.lines)
     ]
@@ -180,10 +226,10 @@ def _figures(page: Page, found: Verification) -> None:
                     "–" if before is None else _with_u(found, before, name, factor),
                     _with_u(found, one.after, name, factor),
                     unit,
-                    "" if one.fitted is None else f"fitted ({one.fitted})",
+                    "" if one.fitted is None else said("fitted ({what})", what=str(one.fitted)),
                 ]
             )
-    page.table(["Line", "Set-up", "Figure", "Before ± U", "After ± U", "Unit", ""], rows)
+    page.table([_LINE, _SETUP, _FIGURE, _BEFORE_U, _AFTER_U, _UNIT, ""], rows)
     page.notes(
         list(dict.fromkeys(n for v in found.lines for n in _notes(v))),
         warning=True,
@@ -196,14 +242,18 @@ def _with_u(found: Verification, test: LineTest, name: str, factor: float) -> st
 
 
 def _placed(page: Page, found: Verification) -> None:
-    page.section("Other set-ups, before and after")
+    page.section(said("Other set-ups, before and after"))
     page.text(
-        "What ball bars, spheres, R-tests, straightness and angles show but for how instrument and "
-        "artefact stand: the range of the readings in one direction, the largest of all "
-        "directions (of a ball bar the radial range about the circle that fits best). U is that "
-        "of two readings. Whether it is as foretold: by all readings, and the model's covariance."
+        said(
+            "What ball bars, spheres, R-tests, straightness and angles show but for how instrument "
+            "and artefact stand: the range of the readings in one direction, the largest of all "
+            "directions (of a ball bar the radial range about the circle that fits best). U is "
+            "that of two readings. Whether it is as foretold: by all readings, and the model's "
+            "covariance."
+        )
     )
-    heads = ["Set-up", "Read", "Readings", "Before ± U", "After ± U", "Unit", "", "Tolerance", ""]
+    read = (said("Read"), said("Readings"))
+    heads = [_SETUP, *read, _BEFORE_U, _AFTER_U, _UNIT, "", said("Tolerance"), ""]
     rows = [list(map(typeset, row)) for row in placed_rows(found)]
     if not any(row[7] for row in rows):
         heads, rows = heads[:7], [row[:7] for row in rows]
@@ -212,7 +262,8 @@ def _placed(page: Page, found: Verification) -> None:
 
 def _notes(one: VerifiedLine) -> Iterator[str]:
     for note in one.after.result.notes:
-        yield f"{one.after.name}, {one.after.setup}: {note}"
+        where = f"{one.after.name}, {one.after.setup}"
+        yield said("{where}: {why}", where=where, why=note)
 
 
 def _bars(found: Verification, name: str) -> Figure:
@@ -222,8 +273,8 @@ def _bars(found: Verification, name: str) -> Figure:
     at = list(range(len(lines)))
     traces: list[Trace] = []
     for title, colour, tests in (
-        ("before", _BEFORE, [v.before for v in lines]),
-        ("after", _AFTER, [v.after for v in lines]),
+        (said("before"), _BEFORE, [v.before for v in lines]),
+        (said("after"), _AFTER, [v.after for v in lines]),
     ):
         values = [None if t is None else t.value(name) for t in tests]
         spread = [None if t is None else t.sd(name) for t in tests]
@@ -252,12 +303,12 @@ def _bars(found: Verification, name: str) -> Figure:
             y += [level, level, None]
     if x:
         style = {"color": _LIMIT, "width": 2, "dash": "dash"}
-        traces.append({"type": "scatter", "mode": "lines", "x": x, "y": y, "name": "tolerance",
-                       "line": style})  # fmt: skip
+        traces.append({"type": "scatter", "mode": "lines", "x": x, "y": y,
+                       "name": said("tolerance"), "line": style})  # fmt: skip
     return figure(
         traces,
         "",
-        f"{name} in µm",
+        said("{figure} in µm", figure=name),
         height=360,
         xaxis={"tickvals": at, "ticktext": labels, "showgrid": False,
                "range": [-0.6, len(lines) - 0.4]},
@@ -267,13 +318,13 @@ def _bars(found: Verification, name: str) -> Figure:
 
 def _lengths(page: Page, found: Verification, lengths: LengthsVerified) -> None:
     result = lengths.evaluation.tests[0]
-    page.section(f"Lengths, ISO 10360-2 E0: {WORDS[lengths.outcome]}")
-    page.text(f"Limit {result.permissible}.")
-    states = [("before", found.lengths_before), ("after", lengths)]
+    page.section(said("Lengths, ISO 10360-2 E0: {outcome}", outcome=WORDS[lengths.outcome]))
+    page.text(said("Limit {limit}, L in mm.", limit=str(result.permissible).partition(",")[0]))
+    states = [(said("before"), found.lengths_before), (said("after"), lengths)]
     page.table(
-        ["State", "Outcome", "Values", "Worst of all"],
+        [said("State"), said("Outcome"), said("Values"), said("Worst of all")],
         [
-            [name, "not measured", "–", "–"]
+            [name, said("not measured"), "–", "–"]
             if one is None
             else [
                 name,
@@ -294,18 +345,22 @@ def _lengths(page: Page, found: Verification, lengths: LengthsVerified) -> None:
         ]
         for s in result.sets
     ]
-    heads = ["Position", "Length, mm", "run 1", "run 2", "run 3", "U", "MPE"]
-    page.table(heads, rows, caption="Errors of indication after, µm", digits=3)
+    runs = [said("run {n}", n=k) for k in (1, 2, 3)]
+    heads = [said("Position"), said("Length, mm"), *runs, "U", "MPE"]
+    page.table(heads, rows, caption=said("Errors of indication after, µm"), digits=3)
     page.notes(list(result.notes), warning=True)
 
 
 def _foretold(page: Page, found: Verification) -> None:
-    page.section("Measured against foretold")
+    page.section(said("Measured against foretold"))
     page.text(
-        "What the model says of each line without compensation, by its error motions and their "
-        f"covariance, beside what was measured; ± U, k = {found.coverage:g}. Left is measured less "
-        "foretold, root of the mean square; expected is what readings, instrument, expansion and "
-        "the model's own uncertainty would leave."
+        said(
+            "What the model says of each line without compensation, by its error motions and their "
+            "covariance, beside what was measured; ± U, k = {k}. Left is measured less foretold, "
+            "root of the mean square; expected is what readings, instrument, expansion and the "
+            "model's own uncertainty would leave.",
+            k=f"{found.coverage:g}",
+        )
     )
     rows = []
     for one in found.lines:
@@ -313,7 +368,8 @@ def _foretold(page: Page, found: Verification) -> None:
         if told is None or before is None:
             continue
         unit, factor, _, _ = display(one.after.result)
-        outcome = {True: "agrees", False: "differs", None: "not known"}[told.agrees]
+        agrees = {True: said("agrees"), False: said("differs"), None: said("not known")}
+        outcome = agrees[told.agrees]
         rows += [
             [
                 one.after.name,
@@ -328,19 +384,22 @@ def _foretold(page: Page, found: Verification) -> None:
             ]
             for name in told.figures
         ]
-    heads = ["Line", "Set-up", "Figure", "Measured", "Foretold", "Left", "Expected", "Unit", ""]
-    page.table(heads, rows)
-    page.text(typeset(f"All rows, measured less foretold: {found.comparison.summary()}."))
+    heads = [_LINE, _SETUP, _FIGURE, said("Measured"), said("Foretold"), said("Left of it")]
+    page.table([*heads, said("Expected"), _UNIT, ""], rows)
+    left = found.comparison.summary()
+    page.text(typeset(said("All rows, measured less foretold: {left}.", left=left)))
 
 
 def _budget(page: Page, found: Verification) -> None:
-    page.section("Uncertainty budget")
+    page.section(said("Uncertainty budget"))
     page.text(
-        "Standard uncertainties of each figure after, by cause: the instrument's scale; the "
-        "thermal expansion of the length (coefficient and temperature); what means of few runs "
-        "are unsure by; the line of the instrument beside that of the axis. The scatter itself is "
-        "in A and R by their definition and does not count twice: of R the reversal error alone "
-        "is unsure."
+        said(
+            "Standard uncertainties of each figure after, by cause: the instrument's scale; the "
+            "thermal expansion of the length (coefficient and temperature); what means of few runs "
+            "are unsure by; the line of the instrument beside that of the axis. The scatter itself "
+            "is in A and R by their definition and does not count twice: of R the reversal error "
+            "alone is unsure."
+        )
     )
     rows: list[list[str | float | None]] = []
     for one in found.lines:
@@ -352,6 +411,5 @@ def _budget(page: Page, found: Verification) -> None:
             warmth = one.after.temperature
             warm = "–" if warmth is None else f"{warmth:.1f}"
             rows.append([one.after.name, one.after.setup, name, warm, *parts, *total, unit])
-    causes = [c.capitalize() for c in CAUSES]
-    heads = ["Line", "Set-up", "Figure", "°C", *causes, "u", f"U, k = {found.coverage:g}", "Unit"]
-    page.table(heads, rows)
+    heads = [_LINE, _SETUP, _FIGURE, "°C", *(_CAUSES[c] for c in CAUSES), "u"]
+    page.table([*heads, f"U, k = {found.coverage:g}", _UNIT], rows)

@@ -11,7 +11,9 @@ function draw(node) {
   figures = figures || opened();
   const figure = figures[node.dataset.plot];
   Plotly.newPlot(node.querySelector("div"), figure.data, figure.layout,
-    { responsive: true, displaylogo: false, showSendToCloud: false });
+    // its buttons speak English only
+    { responsive: true, displaylogo: false, showSendToCloud: false,
+      ...(document.documentElement.lang === "en" ? {} : { displayModeBar: false }) });
 }
 function opened() {
   const plotly = document.createElement("script");

@@ -18,6 +18,7 @@ from abbe.daemon.calibration.state import CalibrationState, at_the_wall, make_fo
 from abbe.daemon.calibration.step import CERTIFICATE, CHECK_PLAN, PLAN, TABLES, StepNow
 from abbe.daemon.config import Configuration
 from abbe.daemon.measure.events import minutes, setup_words
+from abbe.daemon.report.language import language as known_language
 from abbe.daemon.report.measurements.survey import picture
 from abbe.daemon.report.pictures.still import still
 from abbe.daemon.workbench.calibration.asked import AskedCalibration
@@ -123,7 +124,7 @@ class CalibrationGuide:
             CalibrationState.read(self._folder, self.config).ask_for(asked.words())
             self._asked = replace(asked)
 
-    def start(self, name: str, who: str) -> None:
+    def start(self, name: str, who: str, language: str = "en") -> None:
         """Do the next step.
 
         Parameters
@@ -132,12 +133,16 @@ class CalibrationGuide:
             The step that the person means.
         who
             For the state; may be empty.
+        language
+            Of the certificate.
 
         Raises
         ------
         InputError
-            Where that is not the next step, is not done here, or one is under way.
+            Where there is no such language, that is not the next step, is not done here, or one is
+            under way.
         """
+        known_language(language)
         with self._lock:
             self._require_idle()
             request = self._request(self._fresh.now())
@@ -161,7 +166,7 @@ class CalibrationGuide:
                     "config": str(self.config), "folder": str(self._folder), "step": name,
                     "time": asked.time, "check_time": asked.check_time,
                     "tools": list(asked.tools), "controller": asked.controller,
-                    "tables": asked.tables, "by": who,
+                    "tables": asked.tables, "by": who, "language": language,
                 }
             )  # fmt: skip
 

@@ -38,6 +38,7 @@ class StartedStep(AskedOfWorkbench):
 
     step: Word
     by: Word = ""
+    language: Word = "en"
 
 
 class AnsweredStep(AskedOfWorkbench):
@@ -88,7 +89,7 @@ def calibration_routes(guide: CalibrationGuide) -> APIRouter:
         by = " ".join(wanted.by.split())
         if wanted.step in MEASURES:
             by = operating(guide.config, request, by)
-        guide.start(wanted.step, by)
+        guide.start(wanted.step, by, wanted.language)
         return guide.shown()
 
     @router.post("/answer")

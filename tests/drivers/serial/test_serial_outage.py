@@ -6,9 +6,11 @@ import asyncio
 import contextlib
 import logging
 import math
+import os
 import socket
 import threading
 import time
+import tty
 from collections.abc import Iterator
 
 import pytest
@@ -222,6 +224,31 @@ async def test_an_adapter_that_hears_what_it_sends(dro: SimulatedProcess) -> Non
     # Undeclared, it is passed over: it does not fit.
     async with linked(dro.ready["device"], DRO) as link:
         assert all(s.good for s in (await link.read(("x", "y", "z"))).values())
+
+
+async def test_an_echo_that_runs_into_the_answer_is_named() -> None:
+    """Ctrl-B asks without an end of line: the echo stands before the number, on the same line."""
+    ours, theirs = os.openpty()
+    tty.setraw(ours)
+    tty.setraw(theirs)
+
+    def answer() -> None:
+        with contextlib.suppress(OSError):
+            while asked := os.read(ours, 1):
+                os.write(ours, asked + b"+1.250\r\n")
+
+    threading.Thread(target=answer, daemon=True).start()
+    parts = {
+        "query_terminator": "",
+        "messages": {"x": {"query": "?", "pattern": r"(?P<x>[-+][\d.]+)"}},
+        "channels": {"x": {"message": "x"}},
+    }
+    for echo, good in ((False, False), (True, True)):
+        async with linked(os.ttyname(theirs), parts, local_echo=echo) as link:
+            sample = (await link.read(("x",)))["x"]
+            assert sample.good is good
+            assert ("local_echo = true" in sample.reason) is not good
+    os.close(theirs)
 
 
 async def test_an_answer_after_noise_is_found_and_noise_alone_is_bad(dro: SimulatedProcess) -> None:

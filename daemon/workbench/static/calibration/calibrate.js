@@ -125,7 +125,7 @@ export class Calibration {
       const token = secret.value.trim();
       secret.value = "";
       this.by = by.value;
-      this.#ask("start", {step: step.name, by: by.value}, token);
+      this.#ask("start", {step: step.name, by: by.value, language: document.documentElement.lang}, token);
     };
     return [el("h2", {}, label(step.title)), el("form", {onsubmit: go}, byRow, step.role ? secretRow : null,
       step.role ? el("p", {class: "note"}, t("The machine is driven by its own program or by hand: Abbe follows it, reads the instrument at each target, and writes nothing to the controller.")) : null,
