@@ -79,6 +79,8 @@ class SurveyPlan:
     stays: float | None = None
     left_out: tuple[str, ...] = ()
     """Set-ups of a preset for which there is no time."""
+    placeless: tuple[str, ...] = ()
+    """Instruments at hand of which no set-up lies within travels and keep-out boxes."""
 
     @property
     def seconds(self) -> float:
@@ -156,8 +158,12 @@ def plan_survey(
             aim = Knowledge(start.precision, VolumeError.of_parameters(task, apart))
         required = [Chosen(s, added(task, s)) for s in fine]
         chosen = choose(pool, aim, seconds, required=required, progress=tell)
-        made = ordered(task, chosen, start)
-        return replace(made, presets=_weighed(task, start, seconds) if compare else None)
+        placed = {s.instrument.key for s in (*found, *fine)}
+        return replace(
+            ordered(task, chosen, start),
+            presets=_weighed(task, start, seconds) if compare else None,
+            placeless=tuple(i.title for i in instruments if i.key not in placed),
+        )
 
 
 def plan_preset(

@@ -30,6 +30,7 @@ def as_json(plan: SurveyPlan) -> dict[str, Any]:
         "after_um": plan.after * 1e3,
         "stays": plan.stays,
         "left_out": list(plan.left_out),
+        "placeless": list(plan.placeless),
         "setups": [
             {
                 "name": step.setup.name,
@@ -93,6 +94,7 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
             "is not shown",
             what=joined(plan.left_out, ", "),
         )
+    yield from placeless_words(plan)
     yield from stays_words(plan)
     for one in plan.left:
         yield said("  undetermined: {what}", what=str(one))
@@ -101,6 +103,17 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
         for key, left in plan.presets.items():
             title = as_it_stands(PRESETS[key].title)
             yield said("    {what}: {size}", what=title, size=_microns(left))
+
+
+def placeless_words(plan: SurveyPlan) -> Iterator[str]:
+    """Instruments at hand that the plan cannot place."""
+    for title in plan.placeless:
+        yield said(
+            "  NO PLACE for {instrument}: none of its set-ups lies within the travels, keep-out "
+            "boxes left out (where rotary axes turn: does the model say where their lines are, "
+            "location?)",
+            instrument=as_it_stands(title),
+        )
 
 
 def stays_words(plan: SurveyPlan) -> Iterator[str]:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 
 _CHANGES = 10
-"""Readings that have to have changed at a standstill before anything is told."""
+"""Readings that have to have changed at standstills before anything is told."""
 _DIGITS = 3
 """Different readings at one standstill: what flickers between two may be still as well."""
 _LONGER = 6
@@ -30,14 +30,16 @@ class InstrumentLiveliness:
         self.run = 0
         self._values: tuple[float, ...] = ()
         self._time = -math.inf
-        self._still = 0
         self._longest = 0
         self._changes = 0
         self._here: set[tuple[float, ...]] = set()
         self._lively = False
 
     def add(self, time: float, values: tuple[float, ...], *, stands: bool) -> None:
-        """Take a reading in; one that was taken in before, by its time, is none."""
+        """Take a reading in; one that was taken in before, by its time, is none.
+
+        `stands`: at a target, settled; what still creeps says nothing of the instrument.
+        """
         if time <= self._time or not values:
             return
         self._time = time
@@ -45,10 +47,9 @@ class InstrumentLiveliness:
             self._here.clear()
         if values == self._values:
             self.run += 1
-            self._still += stands
             return
-        self._longest = max(self._longest, self._still)
-        self._values, self.run, self._still = values, 1, int(stands)
+        self._longest = max(self._longest, self.run)
+        self._values, self.run = values, 1
         if stands:
             self._changes += 1
             self._here.add(values)

@@ -105,7 +105,9 @@ class TargetWatch:
             return None
         positions = [seen.positions[axis] for axis in self._axes]
         stands = self._standstill.step(seen.time, positions)
-        self._lively.add(instrument.time, instrument.values, stands=stands)
+        counts = stands and self._visit is not None and not self._done
+        settled = counts and instrument.time >= self._averaging.begins
+        self._lively.add(instrument.time, instrument.values, stands=settled)
         if not stands:
             left = None
             if self._visit is not None and not self._done:

@@ -219,6 +219,14 @@ def test_a_combination_of_many_effects_that_take_part_alike_is_named() -> None:
     assert all(one.effects and str(one) for one in found)
 
 
+def test_an_instrument_that_has_no_place_is_named() -> None:
+    """Typed: an R-test on a table whose place the model does not say was silently left out."""
+    at_hand = instruments_called(["level", "r-test"])
+    assert plan_survey(task("rotary table"), at_hand, 3600.0).placeless == ()
+    # no rotary axis that turns anything
+    assert plan_survey(task("bridge"), at_hand, 3600.0).placeless == ("R-test",)
+
+
 def test_no_setup_is_planned_twice_and_none_is_read_without_end() -> None:
     """Seen: a ball bar's six hours were one circle twice, then one circle fifteen times."""
     plan = plan_survey(task("bridge"), instruments_called(["ball-bar"]), 6 * 3600.0)

@@ -54,7 +54,7 @@ def test_a_look_without_positions_is_none():
 class Laser:
     """Reads the target itself, without error."""
 
-    problem, angle, time = "", False, 0.0
+    problem, angle, time, values = "", False, 0.0, ()
     unsure, scatter = 1e-3, 0.0
 
     def sd(self, setup, target):
