@@ -95,9 +95,14 @@ class StepFigures:
         return cls(step, *names, rms * factor, out * factor, other, records)
 
     @property
+    def what(self) -> str:
+        """What was changed, for people."""
+        return _SAID[self.step.action].format(_what(self.step))
+
+    @property
     def line(self) -> str:
         """For people."""
-        said = _SAID[self.step.action].format(_what(self.step))
+        said = self.what
         left = f"{in_digits(self.rms)} {self.unit} rms"
         text = f"{said}: {left}, left-out blocks {in_digits(self.held_out)}"
         return (

@@ -110,7 +110,8 @@ def diagnose(
         from abbe.daemon.report.model.diagnosis import page
 
         head = head_of(loaded, [file_on_page("model", model)], campaign)
-        page(found, noise, advice, head, adding).write(report)
+        steps = () if reached is None else reached.steps
+        page(found, noise, advice, head, adding, steps).write(report)
     if as_json:
         answer = diagnosed.as_json(found, noise, advice, compare(loaded, campaign))
         if reached is not None:

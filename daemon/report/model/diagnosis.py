@@ -40,8 +40,10 @@ from abbe.compcore.diagnosis.words import (
 )
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.sentences import Sentence, said
+from abbe.daemon.answers.model.apply import StepFigures
 from abbe.daemon.answers.typed import Adding
 from abbe.daemon.report.head import PageHead
+from abbe.daemon.report.model.steps import how_it_fell
 from abbe.daemon.report.page import Page, number
 
 F64 = NDArray[np.float64]
@@ -67,8 +69,9 @@ def page(
     advice: Sequence[Advice],
     head: PageHead,
     adding: Adding,
+    steps: Sequence[StepFigures] = (),
 ) -> Page:
-    """The whole story on one page."""
+    """The whole story on one page; with the `steps` of ``--apply`` also how the error fell."""
     machine = diagnosis.whole.problem.model.machine
     title, verdict = verdict_title(diagnosis), _title(diagnosis)
     name = machine.name or "Machine"
@@ -78,6 +81,8 @@ def page(
         out.section("What has changed")
         out.notes(list(changed(diagnosis.standing)))
     _how_wrong(out, diagnosis, noise)
+    if len(steps) > 1:
+        how_it_fell(out, steps)
     figures = diagnosis.figures()
     _where(out, figures)
     if diagnosis.established:

@@ -136,8 +136,10 @@ def test_apply_says_what_the_held_out_campaign_refused(tmp_path: Path) -> None:
     fitted.write_text(lathe_days(1, alone=False), encoding="utf-8")
     other.write_text(lathe_days(2, alone=True), encoding="utf-8")
     command = ("diagnose", model, fitted, "--apply", "--no-measure-next", "--holdout")
-    done = abbe(*command, other, "-o", tmp_path / "m.toml")
+    page = tmp_path / "page.html"
+    done = abbe(*command, other, "-o", tmp_path / "m.toml", "--report", page)
     assert done.status == 0
+    assert "How the error fell, step by step" in page.read_text("utf-8")
     said = "not kept, the held-out campaigns are predicted worse with it: thermal_offset"
     assert said in done.out
     assert "verify the model with another campaign" in done.out
