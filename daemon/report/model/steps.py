@@ -1,4 +1,4 @@
-"""How the error fell on the way from a machine to its model, step by step: a picture and a table."""
+"""How the error fell from a machine to its model, step by step: a picture and a table."""
 
 from __future__ import annotations
 

@@ -136,10 +136,8 @@ def test_apply_says_what_the_held_out_campaign_refused(tmp_path: Path) -> None:
     fitted.write_text(lathe_days(1, alone=False), encoding="utf-8")
     other.write_text(lathe_days(2, alone=True), encoding="utf-8")
     command = ("diagnose", model, fitted, "--apply", "--no-measure-next", "--holdout")
-    page = tmp_path / "page.html"
-    done = abbe(*command, other, "-o", tmp_path / "m.toml", "--report", page)
+    done = abbe(*command, other, "-o", tmp_path / "m.toml")
     assert done.status == 0
-    assert "How the error fell, step by step" in page.read_text("utf-8")
     said = "not kept, the held-out campaigns are predicted worse with it: thermal_offset"
     assert said in done.out
     assert "verify the model with another campaign" in done.out
@@ -152,3 +150,18 @@ def test_apply_says_what_the_held_out_campaign_refused(tmp_path: Path) -> None:
     assert done.status == 1
     assert "lacks.csv, field 'cabinet'" in done.err
     assert not (tmp_path / "o.toml").exists()
+
+
+def test_the_page_of_apply_shows_every_step(tmp_path: Path) -> None:
+    model, fitted, page = (tmp_path / n for n in ("lathe.toml", "fit.csv", "page.html"))
+    model.write_text(LATHE, encoding="utf-8")
+    fitted.write_text(lathe_days(1, alone=False), encoding="utf-8")
+    done = abbe(
+        "diagnose", model, fitted, "--apply", "-o", tmp_path / "m.toml", "--report", page, "--json"
+    )
+    steps = json.loads(done.out)["steps"]
+    text = page.read_text("utf-8")
+    assert "How the error fell, step by step" in text
+    assert len(steps) > 1
+    for step in steps[1:]:
+        assert f"added {step['spec']}" in text or f"behind a lag: {step['spec']}" in text
