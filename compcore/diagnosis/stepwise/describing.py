@@ -35,15 +35,14 @@ def describe(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
         for effect in motions:
             less, _ = without_effect(less, effect.spec)
         instead = best_instead(before, less, growing.campaign, growing.refused_now)
-        if instead is not None:
-            _replace(growing, motions, instead)
+        if instead is not None and _replace(growing, motions, instead):
             return True
     found = best_beside(before, growing.campaign, diagnosis, growing.refused_now)
     if found is None:
         return False
     more, result = found
     out = LeftOutErrors.of(result)
-    if _of_steps(result, out):
+    if _of_steps(result, out) or growing.spoils(result, [one for _, one in more]):
         return False
     growing.make_together("described", "described", more, result, out)
     return True
@@ -59,9 +58,12 @@ def _of_steps(result: FitResult, out: LeftOutErrors) -> bool:
     return left < of_step(step_of(result.problem.campaign, kinds))
 
 
-def _replace(growing: GrowingModel, motions: Sequence[Effect], effects: Sequence[Effect]) -> None:
+def _replace(growing: GrowingModel, motions: Sequence[Effect], effects: Sequence[Effect]) -> bool:
     """Describe, then take out error motions that were added before."""
     more = grown(growing.last.result.model, effects)
     result = fit(more[-1][0], growing.campaign, near=True)
+    if growing.spoils(result, [one for _, one in more]):
+        return False
     growing.make_together("described", "described", more, result, LeftOutErrors.of(result))
     growing.take_out(motions)
+    return True

@@ -213,6 +213,13 @@ class GrowingModel:
             self.make(action, effect, *found)
         return found is not None
 
+    def spoils(self, result: FitResult, changed: Sequence[Effect]) -> bool:
+        """Whether the held-out campaign is predicted worse with a change; it is kept that it is."""
+        if self._unseen is None or not self._unseen.spoilt(self.last.result.model, result.model):
+            return False
+        self.spoiling[tuple(e.spec for e in changed)] = tuple(changed)
+        return True
+
     def better(
         self, model: Model, changed: Sequence[Effect], falls: float
     ) -> tuple[FitResult, LeftOutErrors] | None:
@@ -234,8 +241,7 @@ class GrowingModel:
             return None  # a body that began where none can have been is no body
         if not all(sound(result.model, e) for e in changed):
             return None
-        if self._unseen is not None and self._unseen.spoilt(self.last.result.model, result.model):
-            self.spoiling[tuple(e.spec for e in changed)] = tuple(changed)
+        if self.spoils(result, changed):
             return None
         return result, LeftOutErrors.of(result)
 
