@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from string import Formatter
 
 import numpy as np
@@ -65,17 +65,24 @@ def undecided(task: SurveyTask, known: Knowledge, start: Knowledge) -> Iterator[
     _, size, turned = svd(felt)
     points = max(len(felt) // 3, 1)
     owner = unknowns(task.model)
+    found: dict[tuple[str, ...], Undecided] = {}
     for k in range(min(_MOST, len(size))):
         amount = float(size[k] / np.sqrt(points))
         if amount < _FELT:
-            return
+            break
         share = (left @ turned[k]) ** 2
         parts = np.bincount(owner, share, minlength=len(task.model.effects))
         order = [int(i) for i in np.argsort(-parts)]
         # of many that take part alike none has much
         most = [i for i in order if parts[i] > _SHARE * parts.sum()] or order
         named = [task.model.effects[i] for i in most[:3]]
-        yield Undecided(tuple(e.spec for e in named), tuple(map(_words, named)), amount)
+        one = Undecided(tuple(e.spec for e in named), tuple(map(_words, named)), amount)
+        # several combinations of the same effects are one to who reads it
+        alike = tuple(sorted(one.effects))
+        before = found.get(alike, one)
+        both = amount if before is one else float(np.hypot(before.size, amount))
+        found[alike] = replace(before, size=both)
+    yield from sorted(found.values(), key=lambda one: -one.size)
 
 
 _TITLES = {
@@ -90,8 +97,18 @@ _TITLES = {
     "rotary_axial": "axial motion of {axis}",
     "rotary_tilt": "tilt of {axis} about {direction} while it turns",
     "rotary_location": "where the line of {axis} lies",
+    "cyclic": "waves along {axis}",
+    "reversal_angle": "tilt of {axis} about {about} when it reverses",
+    "lateral_reversal": "sidestep of {axis} in {direction} when it reverses",
+    "cross_angular": "tilt of {axis} about {about} by where {by} stands",
+    "scale_expansion": "expansion of the scale of {axis}",
+    "screw_heating": "heating of the screw of {axis}",
+    "thermal_bending": "bending of {axis} about {about} by heat",
+    "thermal_tilt": "lean of {axis} about {about} by heat",
+    "thermal_offset": "move of the tool in {direction} by heat",
+    "spindle_location": "where the spindle lies in its head",
 }
-"""Kind of an effect → its name in ISO 230-1; of others as it is typed."""
+"""Kind of an effect → its name, in ISO 230-1 where it has one; others stand as they are typed."""
 
 
 def titles() -> frozenset[str]:
@@ -109,4 +126,6 @@ def _words(effect: Effect) -> str:
     known |= {"first": str(first), "second": str(second)}
     known["letter"] = ABOUT.get(known.get("about", ""), "")
     needed = {name for _, name, _, _ in Formatter().parse(title) if name}
+    if not needed <= known.keys():
+        return effect.spec
     return said(title, **{name: known[name] for name in sorted(needed)})

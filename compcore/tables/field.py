@@ -219,6 +219,6 @@ def table_state(
         raise InputError(
             "a table holds at stated conditions, and the model reads signals that are not stated",
             field=missing[0],
-            expected=f"values of {named}",
+            expected=f"values of {named} (--at {missing[0]}=…, or --at reference)",
         )
     return SlowState(time=time, signals=dict(signals), tool=tool, spindle_angle=spindle_angle)

@@ -235,3 +235,6 @@ def test_no_setup_is_planned_twice_and_none_is_read_without_end() -> None:
     assert max(step.setup.runs for step in plan.steps) <= 4
     assert plan.left
     assert all("axis=" not in str(one) for one in plan.left)
+    named = [frozenset(one.effects) for one in plan.left]
+    assert len(set(named)) == len(named)
+    assert [one.size for one in plan.left] == sorted((one.size for one in plan.left), reverse=True)
