@@ -1,7 +1,8 @@
-"""The workbench: first sight, viewers, fifty channels, 1e8 records, a million rows.
+"""The workbench: first sight, viewers, fifty channels, 1e8 records, a million rows, what if.
 
 Writes its sections of docs/performance.md. ``python -m benchmarks.workbench [WHAT …]``, of
-``sight``, ``viewers``, ``channels``, ``hour``, ``past``, ``rows``; all where none is named.
+``sight``, ``viewers``, ``channels``, ``hour``, ``past``, ``rows``,
+``what-if``; all where none is named.
 ``--seconds`` is how long the fifty channels are watched: 3600 for what an hour adds.
 """
 
@@ -20,6 +21,7 @@ from benchmarks.browsing.full_hour import full_hour
 from benchmarks.browsing.past import far_past
 from benchmarks.browsing.rows import many_rows
 from benchmarks.browsing.viewers import many_viewers
+from benchmarks.browsing.what_if import what_if
 from benchmarks.measuring.report import machine, write_section
 
 PARTS: Mapping[str, Callable[[float], str]] = {
@@ -29,6 +31,7 @@ PARTS: Mapping[str, Callable[[float], str]] = {
     "hour": lambda _: full_hour(10),
     "past": lambda _: far_past(100_000_000),
     "rows": lambda _: many_rows(1_000_000),
+    "what-if": lambda _: what_if(),
 }
 
 

@@ -51,12 +51,9 @@ picture of it asked for as {_VIEWERS} browsers do, all at once, {asked} pictures
 | memory of the server before, MB | {memory[0]:.1f} |
 | after each fifth of them, MB | {kept} |
 
-Target: under 120 MB, and no growth. The hour above was watched before threads shared what they let
-go of (`daemon/workbench/few_arenas.py`) and readers kept as little of the file as its writer: the
-same pictures then left 94 to 101 MB, up and down with the threads that made them.
-Watched again after that for 35 minutes (`channels`, load of the host 10): server 95.3 → 96.6 MB
-(+1.8 ± 0.7 MB/h in the second half), the page's objects +0.3 ± 0.2 MB/h, elements −14 ± 48, the
-processes that draw pages 110.5 → 117.6 MB, browser 13.4 % of a core."""
+Target: under 120 MB, and no growth. Before threads shared what they let go of
+(`daemon/workbench/few_arenas.py`) and readers kept as little of the file as its writer, the same
+pictures left 94 to 101 MB, up and down with the threads that made them."""
 
 
 def _asked(bench: OpenedWorkbench, pool: ThreadPoolExecutor) -> int:

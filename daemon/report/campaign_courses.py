@@ -88,8 +88,9 @@ def course_figure(course: CampaignCourse, beside: Sequence[CampaignCourse]) -> F
     at = np.array([float(v.version) for v in course.values])
     traces = []
     for held_out, name, colour, ink in (
-        (False, "fitted", FITTED, "#fff"),
-        (True, "held out", HELD_OUT, "#1b1f24"),
+        (False, "fitted", FITTED, "#ffffff"),
+        # on a dark page its bar stays light: no colour that is exchanged there
+        (True, "held out", HELD_OUT, "#1b1f25"),
     ):
         chosen = [v for v in course.values if v.held_out == held_out]
         if chosen:

@@ -19,9 +19,9 @@ from abbe.daemon.config.tokens import add_token
 from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.daemon.browser import assert_for_everybody, chromium, visit
 from tests.support.daemon.german import english_of
-from tests.support.daemon.live_run import MODEL
 from tests.support.daemon.measuring import (
     SPEED,
+    bent_scales,
     configuration,
     driven,
     line_plan,
@@ -32,11 +32,6 @@ from tests.support.daemon.workbench import opened
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
 
-BEGINNING = "".join(
-    f'\n[[effects]]\nkind = "positioning"\naxis = "{axis}"\nshape = "polynomial:2"\n'
-    for axis in "XYZ"
-)
-"""A bent scale for each axis: what three short lines are enough for, and what they show."""
 INSTRUMENT = """
 [links.cnc.channels.laser]
 table = "input"
@@ -99,9 +94,7 @@ def assert_said_in_german(page: Page) -> None:
 
 @pytest.mark.thorough
 def test_from_the_first_step_to_the_certificate(tmp_path: Path) -> None:
-    text = MODEL.read_text("utf-8")
-    model = tmp_path / "model.toml"
-    model.write_text(text[: text.index("[[effects]]")] + BEGINNING, "utf-8")
+    model = bent_scales(tmp_path / "model.toml")
     secret = add_token(tmp_path / "http-tokens.toml", "cell-3", "operate")
     folder = tmp_path / "c"
     with SimulatedProcess("bench", "--seed", "1") as machine:

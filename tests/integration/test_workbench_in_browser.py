@@ -110,6 +110,8 @@ def test_the_whole_loop_by_clicking(browser: Browser, tmp_path: Path) -> None:
         page.click("#tab-watch")
         page.locator("button.back").first.click()
         expect(page.locator("#version")).to_have_text("model.toml")
+        # what is looked at now is not what the error fell to
+        expect(page.locator("h1")).to_contain_text("Version 1 of 2 is looked at: 1.1")
         page.click("#tab-compare")
         expect(page.locator("h1")).to_contain_text("Z stands 5.4 µm elsewhere")
         assert_quiet(seen, bench)

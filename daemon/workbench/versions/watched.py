@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import PurePath
 from typing import Any
 
-from abbe.compcore.sentences import sentences_in
+from abbe.compcore.sentences import said, sentences_in
+from abbe.compcore.units import in_digits
 from abbe.daemon.report.campaign_courses import course_figure, courses_of
 from abbe.daemon.report.model.history import error_title, versions_of, warnings_of
 from abbe.daemon.report.page import in_words, plain
@@ -18,7 +19,7 @@ from abbe.daemon.workbench.versions.journal import Entry
 def watched(
     versions: Sequence[ModelVersion],
     current: ModelVersion,
-    said: Sequence[str],
+    added: Sequence[str],
     journal: Sequence[Entry] = (),
 ) -> dict[str, Any]:
     """One object for the page.
@@ -29,13 +30,14 @@ def watched(
         All files, the model that was opened first.
     current
         The one that is looked at.
-    said
+    added
         What the last addition said of itself.
     journal
         What was done and noted, the newest first.
     """
     listed = list(_listed(versions))
     records = [record for _, record in listed]
+    present = next((k for k, (v, _) in enumerate(listed) if v is current), None)
     courses = courses_of(records)
     rows: list[list[str | float | int | None]] = [
         [
@@ -50,8 +52,8 @@ def watched(
         for k, (version, record) in enumerate(listed, start=1)
     ]
     found = {
-        "title": error_title(records),
-        "said": list(said),
+        "title": _title(records, present),
+        "said": list(added),
         "warnings": warnings_of(records) if any(records) else [],
         "columns": ["Version", "Change", "Fitted, µm", "Held out, µm", "Noise floor, µm", "Date",
                     "File"],
@@ -62,7 +64,7 @@ def watched(
             for k, v in enumerate(versions)
         ],
         "journal": list(journal),
-        "current": next((k for k, (v, _) in enumerate(listed) if v is current), None),
+        "current": present,
         "courses": [
             {"figure": course_figure(course, courses), "caption": course.caption}
             for course in courses
@@ -70,6 +72,21 @@ def watched(
     }  # fmt: skip
     answer: dict[str, Any] = plain({**found, "sentences": sentences_in(found)})
     return answer
+
+
+def _title(records: Sequence[Mapping[str, Any]], present: int | None) -> str:
+    """What the versions brought; of an earlier one that was gone back to, that it is looked at."""
+    if present is None or present == len(records) - 1:
+        return error_title(records)
+    left, number, several = number_of(records[present], "rms"), present + 1, len(records)
+    if left is None:
+        return said("Version {number} of {several} is looked at", number=number, several=several)
+    return said(
+        "Version {number} of {several} is looked at: {left} µm are left",
+        number=number,
+        several=several,
+        left=in_digits(left),
+    )
 
 
 def _change(version: ModelVersion | None, record: Mapping[str, Any]) -> str:

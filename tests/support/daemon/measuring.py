@@ -24,6 +24,7 @@ from abbe.compcore.planning.motion import ProgramStep, steps_of
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.demo.configuration import demo_configuration
 from abbe.drivers.simulated.process import SimulatedProcess
+from tests.support.daemon.live_run import MODEL
 
 PATIENCE = 120.0
 """s that anything may take on a busy machine."""
@@ -75,6 +76,20 @@ settle = 0.05
 average = 0.2
 signals_held = 2.0
 """
+
+
+def bent_scales(path: Path) -> Path:
+    """The simulated machine's model with nothing but a bent scale for each axis, not fitted.
+
+    What three short lines are enough for, and what a plan is soon made for.
+    """
+    text = MODEL.read_text("utf-8")
+    scales = (
+        f'\n[[effects]]\nkind = "positioning"\naxis = "{axis}"\nshape = "polynomial:2"\n'
+        for axis in "XYZ"
+    )
+    path.write_text(text[: text.index("[[effects]]")] + "".join(scales), "utf-8")
+    return path
 
 
 def configuration(ready: Mapping[str, Any], folder: Path, measure: str = QUICK) -> Path:
