@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.campaign_csv.columns import AXIS, RESERVED
 from abbe.compcore.files.importers.placing import (
     COMPONENTS,
     F64,
@@ -25,7 +24,15 @@ from abbe.compcore.files.importers.placing import (
     Readings,
     place,
 )
-from abbe.compcore.files.importers.sheets.moments import date_of, seconds
+from abbe.compcore.files.importers.sheets.logged import (
+    LoggedColumn,
+    clock_of,
+    columns_of,
+    is_axis,
+    numbers_of,
+    signal_of,
+    times_of,
+)
 from abbe.compcore.files.importers.sheets.words import (
     Sheet,
     as_number,
@@ -38,9 +45,6 @@ from abbe.compcore.files.importers.sheets.words import (
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 
-_TIME = ("time", "timestamp", "datetime", "date_time", "t", "elapsed", "elapsed_time", "seconds")
-_DATE = ("date", "day")
-_FAHRENHEIT = ("°f", "degf", "f")
 _ERRORS = {f"d{c.lower()}": c for c in COMPONENTS}
 
 
@@ -58,15 +62,6 @@ class LoggedReading:
 
     component: str
     tool: tuple[float, float, float] | None = None
-
-
-@dataclass(frozen=True)
-class _LoggedColumn:
-    """A column: its place, its name without the unit, and the unit of its heading."""
-
-    place: int
-    name: str
-    unit: str | None
 
 
 def import_log(
@@ -95,17 +90,19 @@ def import_log(
     """
     source, placing = Path(path), placing or ForeignPlacing()
     sheet = read_sheet(source)
-    columns = _columns(sheet)
+    columns = columns_of(sheet)
     readings = _measured(columns, measured, sheet)
-    clock = _clock(columns)
+    clock = clock_of(columns)
     lines = np.array([line for line, _ in sheet.rows[1:]])
-    time, date = _times(clock, sheet)
+    time, date = times_of(clock, sheet)
     rest = [c for c in columns.values() if c not in clock and c.name not in readings]
     text = [c.name for c in rest if as_number(sheet.rows[1][1][c.place]) is None]
-    axes = {c.name: c for c in rest if _is_axis(c.name, machine) and c.name not in text}
-    signals = {c.name: _signal(c, sheet) for c in rest if c.name not in axes and c.name not in text}
+    axes = {c.name: c for c in rest if is_axis(c.name, machine) and c.name not in text}
+    signals = {
+        c.name: signal_of(c, sheet) for c in rest if c.name not in axes and c.name not in text
+    }
     positions = {
-        name: np.deg2rad(_numbers(c, sheet)) if is_rotary(name) else _numbers(c, sheet)
+        name: np.deg2rad(numbers_of(c, sheet)) if is_rotary(name) else numbers_of(c, sheet)
         for name, c in axes.items()
     }
     rows, notes, blank = [], [], 0
@@ -174,27 +171,8 @@ def _placed(
     )
 
 
-def _columns(sheet: Sheet) -> dict[str, _LoggedColumn]:
-    line, header = sheet.rows[0]
-    found: dict[str, _LoggedColumn] = {}
-    for i, cell in enumerate(header):
-        bracketed = cell.endswith(("]", ")"))
-        end = min((cell.find(b) for b in "[(" if b in cell), default=-1) if bracketed else len(cell)
-        name = cell[:end].strip().replace(" ", "_")
-        if not name or name in found:
-            raise InputError(
-                f"column {i + 1} has no name" if not name else "the same column twice",
-                file=sheet.file,
-                line=line,
-                field=name or None,
-                expected="a name per column, every name once",
-            )
-        found[name] = _LoggedColumn(i, name, split_unit(cell)[1])
-    return found
-
-
 def _measured(
-    columns: Mapping[str, _LoggedColumn], asked: Mapping[str, LoggedReading] | None, sheet: Sheet
+    columns: Mapping[str, LoggedColumn], asked: Mapping[str, LoggedReading] | None, sheet: Sheet
 ) -> dict[str, LoggedReading]:
     named = asked or {
         name: LoggedReading(_ERRORS[split_unit(name)[0]])
@@ -217,57 +195,3 @@ def _measured(
             "or --measured COLUMN=Z",
         )
     return dict(named)
-
-
-def _clock(columns: Mapping[str, _LoggedColumn]) -> list[_LoggedColumn]:
-    """The columns of the clock: one, or a date and an hour; none where nothing is called so."""
-    lower = {name.lower(): c for name, c in columns.items()}
-    bases = {split_time(name): c for name, c in lower.items()}
-    time = next((bases[n] for n in _TIME if n in bases), None)
-    date = next((lower[n] for n in _DATE if n in lower), None)
-    return [c for c in (date, time) if c is not None]
-
-
-def split_time(name: str) -> str:
-    """The heading of a clock without its unit.
-
-    >>> split_time("time_s"), split_time("elapsed_min"), split_time("time")
-    ('time', 'elapsed', 'time')
-    """
-    base, _, unit = name.rpartition("_")
-    return base if unit in ("s", "ms", "min", "h", "sec") and base else name
-
-
-def _times(clock: list[_LoggedColumn], sheet: Sheet) -> tuple[F64, str | None]:
-    rows = sheet.rows[1:]
-    if not clock:
-        return np.zeros(len(rows)), None
-    cells = [" ".join(cells[c.place] for c in clock) for _, cells in rows]
-    last = clock[-1]
-    low = last.name.lower()
-    unit = last.unit or (low.rpartition("_")[2] if split_time(low) != low else "s")
-    time = seconds(cells, [line for line, _ in rows], unit, last.name, sheet)
-    return time, date_of(cells[0])
-
-
-def _is_axis(name: str, machine: Machine | None) -> bool:
-    return AXIS.fullmatch(name) is not None if machine is None else name in machine.axes
-
-
-def _numbers(column: _LoggedColumn, sheet: Sheet) -> F64:
-    return np.array(
-        [number(cells[column.place], sheet, line, column.name) for line, cells in sheet.rows[1:]]
-    )
-
-
-def _signal(column: _LoggedColumn, sheet: Sheet) -> F64:
-    if column.name in RESERVED:
-        raise InputError(
-            "a column with a meaning of its own in a campaign",
-            file=sheet.file,
-            line=sheet.rows[0][0],
-            field=column.name,
-            expected="another name",
-        )
-    values = _numbers(column, sheet)
-    return (values - 32.0) / 1.8 if (column.unit or "") in _FAHRENHEIT else values

@@ -198,6 +198,28 @@ def _log(
     return import_log(file, placing, measured=measured, unit=options.unit, machine=machine)
 
 
+def _tracker(
+    file: Path, placing: ForeignPlacing, machine: Machine | None, options: ForeignOptions
+) -> Campaign:
+    from abbe.compcore.files.importers.tracker import import_points
+
+    if machine is None:
+        raise typer.BadParameter("needed for this kind of file", param_hint="--model")
+    columns = {of: column for column, of in split_assignments(options.measured).items()}
+    if columns and set(columns) != set("XYZ"):
+        raise typer.BadParameter(
+            "COLUMN=X, COLUMN=Y and COLUMN=Z for a tracker's points", param_hint="--measured"
+        )
+    return import_points(
+        file,
+        machine,
+        placing,
+        measured=[columns[of] for of in "XYZ"] if columns else None,
+        unit=options.unit or "mm",
+        tool_known=any(placing.tool),
+    )
+
+
 def _tpoint(
     file: Path, placing: ForeignPlacing, machine: Machine | None, _: ForeignOptions
 ) -> Campaign:
@@ -216,6 +238,7 @@ _READERS: Mapping[ForeignLayout, _Reader] = {
     ForeignLayout.RTEST: _rotary_test,
     ForeignLayout.PROBED: _probed,
     ForeignLayout.LOG: _log,
+    ForeignLayout.POINTS: _tracker,
     ForeignLayout.TPOINT: _tpoint,
 }
 

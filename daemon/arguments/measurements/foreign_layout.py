@@ -17,4 +17,5 @@ class ForeignLayout(StrEnum):
     RTEST = "rtest"
     PROBED = "probed"
     LOG = "log"
+    POINTS = "points"
     TPOINT = "tpoint"

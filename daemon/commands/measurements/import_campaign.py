@@ -94,7 +94,7 @@ def import_campaign(
         list[str] | None,
         typer.Option(
             help="log: COLUMN=Z along (X Y Z) or COLUMN=A about (A B C), @x,y,z for its tool "
-            "offset; may be repeated."
+            "offset; points: the columns of the points, COLUMN=X, =Y, =Z; repeated."
         ),
     ] = None,
     model: Annotated[
@@ -109,7 +109,7 @@ def import_campaign(
     ] = None,
     force: Force = False,
 ) -> None:
-    """Import runs, an rtl, a ball bar test, a map, lengths, plates, rotary tests, logs, stars."""
+    """Import runs, an rtl, a ball bar test, a map, lengths, plates, tracker points, logs, stars."""
     from abbe.compcore.campaign.suspicions import (
         of_unknown_thermometers,
         of_values,
