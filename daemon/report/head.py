@@ -23,7 +23,7 @@ from abbe.compcore.sentences import said
 
 ALWAYS = ("date", "machine", "serial", "operator", "instrument", "environment")
 """What stands on every page, stated or not."""
-_UNSTATED = "not stated"
+_UNSTATED = said("not stated")
 _RESTS = said("Rests on")
 _SHORT = 12
 AIR = ("ambient", "air")

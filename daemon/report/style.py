@@ -18,7 +18,7 @@ dl.facts { display: grid; grid-template-columns: repeat(auto-fill, minmax(9.5rem
   gap: .5rem 1.4rem; margin: 0 0 .8rem; font-size: .9rem; }
 dl.facts dt { color: var(--quiet); font-size: .78rem; }
 dl.facts dd { margin: 0; overflow-wrap: anywhere; }
-dl.facts dd.unstated { color: #9aa4ae; font-style: italic; }
+dl.facts dd.unstated { color: #57606a; font-style: italic; }
 table.files { font-size: .82rem; margin-bottom: 1.6rem; max-width: 100%; }
 table.files th { border-bottom-color: var(--line); font-weight: 400; color: var(--quiet); }
 table.files td { overflow-wrap: anywhere; }
