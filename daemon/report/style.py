@@ -29,7 +29,7 @@ code.sha:hover span { display: inline; }
 table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size: .92rem; }
 caption { text-align: left; color: var(--quiet); padding-bottom: .3rem; }
 th, td { padding: .28rem .8rem .28rem 0; text-align: left; vertical-align: baseline; }
-th { font-weight: 600; border-bottom: 1px solid var(--ink); white-space: nowrap; }
+th, thead td { font-weight: 600; border-bottom: 1px solid var(--ink); white-space: nowrap; }
 td { border-bottom: 1px solid var(--line); }
 td.number, th.number { text-align: right; padding-left: .8rem; white-space: nowrap; }
 dl.key { display: flex; flex-wrap: wrap; gap: .8rem 2.2rem; margin: 1rem 0; }
