@@ -115,7 +115,7 @@ def _tested(result: Solution, error_motion: ErrorMotion, own: Axis, other: Axis)
     along = legendre.legvander(x, OWN_DEGREE)
     across = legendre.legvander(y, OTHER_DEGREE)[:, 1:]
     product = (along[:, :, None] * across[:, None, :]).reshape(problem.n, -1)
-    seen = problem.observation(result.theta).sensitivity(error_motion)
+    seen = problem.tangent(result.theta).sensitivity(error_motion)
     columns = (seen * problem.weight)[:, None] * product
     size = np.linalg.norm(columns, axis=0)
     columns = columns[:, size > 0.0] / size[size > 0.0]

@@ -142,6 +142,11 @@ class Chain:
         self._orientation[place] = orientation
         self._origin[place] = origin
 
+    @property
+    def places(self) -> tuple[str, ...]:
+        """The places at which errors act, from workpiece to tool."""
+        return tuple(self._origin)
+
     def to_machine_axes(self, vector: F64) -> F64:
         """Vectors in the workpiece's frame, shape (n, 3), as seen in machine axes."""
         return vector if self._bed is None else np.einsum("nji,nj->ni", self._bed, vector)
@@ -334,7 +339,7 @@ def exact_steps(
         steps.append((f"L of {place}", total))
         if any(k in own for k in "ABC"):
             local = rotation_xyz(*(own.get(k, zero) for k in "ABC"))
-            turned = turned @ _conjugate(chain, place, local)
+            turned = turned @ conjugated(chain, place, local)
         reach = chain.lever(place)
         if i + 1 < len(places):
             reach = reach - chain.lever(places[i + 1])
@@ -354,7 +359,7 @@ def _into_machine(chain: Chain, place: str, vector: F64) -> F64:
     )
 
 
-def _conjugate(chain: Chain, place: str, local: F64) -> F64:
+def conjugated(chain: Chain, place: str, local: F64) -> F64:
     """A rotation given in a place's own axes, as seen in machine axes, (n, 3, 3)."""
     orientation, bed = chain._orientation[place], chain._bed
     if orientation is None and bed is None:

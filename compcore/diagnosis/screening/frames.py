@@ -101,7 +101,7 @@ class Frames:
         return self._seen[error_motion]
 
     def _weighted(self, error_motion: ErrorMotion) -> F64:
-        seen = self._problem.observation(self._theta).sensitivity(error_motion)
+        seen = self._problem.tangent(self._theta).sensitivity(error_motion)
         return np.asarray(seen * self._problem.weight)
 
     def columns(self, candidate: Candidate, nonlinear: Mapping[str, float]) -> F64 | Placed:

@@ -101,8 +101,8 @@ class Patterns:
         machine = self._machine = problem.model.machine
         self._quantities = variables(machine, campaign.conditions)
         on = error_motions(machine)
-        observation = problem.observation(theta)
-        self._seen = {c: observation.sensitivity(c) * problem.weight for c in on}
+        tangent = problem.tangent(theta)
+        self._seen = {c: tangent.sensitivity(c) * problem.weight for c in on}
         order = 3 if campaign.n <= _MANY_ROWS else 2
         shortest = _shortest(self._quantities)
         quantities, point = self._quantities, on[0]

@@ -78,7 +78,17 @@ class Problem(PreparedRows):
 
     def stacked(self, motions: tuple[Motion, ...], count: int, theta: F64) -> F64:
         """Weighted columns of error motions moved by `count` parameters, (n, count)."""
-        return self._stack(self.observation(theta), motions, count)
+        return self._stack(self.tangent(theta), motions, count)
+
+    def tangent(self, theta: F64) -> Observation:
+        """The measurement equations at θ, for derivatives; `observation` where errors add up."""
+        observation = self.observation(theta)
+        if self.model.composition == "first-order":
+            return observation
+        key = theta.tobytes()
+        if self._tangent is None or self._tangent[0] != key:
+            self._tangent = (key, observation.tangent(self.error_motions(theta)))
+        return self._tangent[1]
 
     def _stack(self, observation: Observation, motions: tuple[Motion, ...], count: int) -> F64:
         if len(motions) == 1 and motions[0].columns.shape[1] == count:
@@ -98,7 +108,7 @@ class Problem(PreparedRows):
     def columns(self, theta: F64) -> F64:
         """∂(weighted value)/∂θ without the set-ups' nuisances, shape (n, layout.size)."""
         layout = self.layout
-        observation = self.observation(theta)
+        observation = self.tangent(theta)
         out = np.zeros((self.n, layout.size), order="F")
         for i in range(len(self.model.effects)):
             linear = layout.linear_of(i)
@@ -138,7 +148,8 @@ class Problem(PreparedRows):
             sign = observation.base_sign(campaign, name)
             out[:, where] = weighted * sign[:, None]
         if layout.tools:
-            turn = observation.rotation_error(self.error_motions(theta))
+            motions = self.error_motions(theta)
+            frames = self._turns_of_frames(theta)
             is_distance = np.zeros(self.n, dtype=np.bool_)
             is_distance[observation.distance] = True
             for name, (where, free) in layout.tools.items():
@@ -147,9 +158,33 @@ class Problem(PreparedRows):
                     if k not in self._tool_directions:
                         self._tool_directions[k] = observation.tool_direction(k)
                     nominal = self._tool_directions[k] * used[:, None]
-                    moved = np.cross(turn, nominal) + nominal * is_distance[:, None]
+                    moved = observation.turned(nominal, motions) + nominal * is_distance[:, None]
+                    if frames is not None:
+                        held = np.cross(frames, observation.chain.to_workpiece(nominal))
+                        moved += observation.chain.to_machine_axes(held)
                     seen = np.einsum("ni,ni->n", observation.toward, moved)
                     out[:, column] = seen * self.weight
+
+    def _turns_of_frames(self, theta: F64) -> F64 | None:
+        """By what a set-up's own frame is turned at θ, (n, 3), rad, workpiece frame; None: by none.
+
+        A tool's offset turns with it. Of a block of rows nobody knows it, and of so many rows as
+        come in blocks it is left out, which costs a step or two.
+        """
+        if self.large or self._block:
+            return None
+        setups = self.campaign.setups
+        framed = [
+            b for b in self.setups(theta) if "frame" in getattr(setups.get(b.setup), "free", ())
+        ]
+        if not framed:
+            return None
+        values = self.eliminator(theta).values(self.residual(theta))
+        out = np.zeros((self.n, 3))
+        for block in framed:
+            own = values[block.setup]
+            out[block.rows] = [own[f"frame {k}"][0] for k in "abc"]
+        return out
 
     def jacobian(self, theta: F64) -> F64:
         """Weighted ∂value/∂(θ, nuisances), dense, shape (n, layout.size + q)."""

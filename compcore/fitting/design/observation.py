@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.effects.base import INSTRUMENT, ErrorMotion
 from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.exact_slopes import ExactSlopes
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Composition
@@ -54,6 +56,7 @@ class Observation:
         self._toward = u if displacement.all() else np.where(displacement[:, None], u, 0.0)
         self._about = np.where(rotation[:, None], u, 0.0) if rotation.any() else None
         self._seen: dict[ErrorMotion, F64] = {}
+        self._slopes: ExactSlopes | None = None
         self.between = np.zeros((n, 3))
         """Row → unit vector base → point (or base2 → base), workpiece frame; 0 on other rows."""
         self._vector = np.zeros((n, 3))
@@ -77,6 +80,17 @@ class Observation:
         toward[i] = self.between[i]
         self._toward = self._toward + self.chain.to_machine_axes(toward)
 
+    def tangent(self, motions: Mapping[ErrorMotion, F64]) -> Observation:
+        """The same equations, whose derivatives are those of the exact error where motions stand.
+
+        Each of the motions is (n,), mm or rad. A turn of a degree turns the levers behind it, so by
+        the lever rule alone a search for the least squares would go astray.
+        """
+        other = copy.copy(self)
+        other._seen = {}
+        other._slopes = ExactSlopes(self.chain, motions)
+        return other
+
     @property
     def toward(self) -> F64:
         """The direction in which each row measures displacement, (n, 3), machine axes."""
@@ -90,13 +104,14 @@ class Observation:
     def sensitivity(self, error_motion: ErrorMotion) -> F64:
         """The derivative of the measured values by one error motion, shape (n,).
 
-        mm or rad of value per mm or rad of motion, to first order (the lever rule).
+        mm or rad of value per mm or rad of motion: by the lever rule, or of a `tangent`.
         """
         if error_motion not in self._seen:
             if error_motion.place == INSTRUMENT:
                 self._seen[error_motion] = np.ones(self._toward.shape[0])
             else:
-                moved, turned = self.chain.influence(error_motion)
+                slopes = self.chain if self._slopes is None else self._slopes
+                moved, turned = slopes.influence(error_motion)
                 seen = np.einsum("ni,ni->n", self._toward, moved)
                 if error_motion.rotation and self._about is not None:
                     seen += np.einsum("ni,ni->n", self._about, turned)
@@ -154,6 +169,12 @@ class Observation:
         unit[:, k] = 1.0
         ends = [self.chain.with_tool(tool).point for tool in (unit, np.zeros_like(unit))]
         return self.chain.to_machine_axes(ends[0] - ends[1])
+
+    def turned(self, vector: F64, motions: Mapping[ErrorMotion, F64]) -> F64:
+        """By how much the errors turn a vector that is fixed to the tool, (n, 3), machine axes."""
+        if self._slopes is not None:
+            return np.einsum("nij,nj->ni", self._slopes.orientation, vector) - vector
+        return np.cross(self.rotation_error(motions), vector)
 
     def rotation_error(self, motions: Mapping[ErrorMotion, F64]) -> F64:
         """Error of the functional orientation, (n, 3) rad, machine axes, to first order."""

@@ -92,8 +92,10 @@ class PreparedRows:
         self._motions: dict[int, tuple[_Key, tuple[Motion, ...]]] = {}
         self._settling: dict[int, tuple[tuple[float, ...], tuple[Motion, ...]]] = {}
         self._tool_directions: dict[int, F64] = {}
+        self._block = False
         self._moved: tuple[bytes, dict[ErrorMotion, F64]] | None = None
         self._read: tuple[bytes, F64] | None = None
+        self._tangent: tuple[bytes, Observation] | None = None
         self._conditions: tuple[bytes, Conditions] | None = None
         self._observation: tuple[bytes, Observation] | None = None
         self._rows_of_setups: list[tuple[str, Index]] | None = None
@@ -118,7 +120,8 @@ class PreparedRows:
         other.sd, other.weight = self.sd[rows], self.weight[rows]
         other._motions, other._settling, other._tool_directions = {}, {}, {}
         other._conditions = other._observation = other._blocks = other._eliminator = None
-        other._rows_of_setups = other._moved = other._read = None
+        other._block = self.large
+        other._rows_of_setups = other._moved = other._read = other._tangent = None
         other._given = {
             i: tuple(m.rows(rows) for m in self.motions(i, theta))
             for i, effect in enumerate(self.model.effects)

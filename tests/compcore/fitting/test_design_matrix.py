@@ -5,13 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.fitting.design import row_blocks
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.fitting.reduction import leverage
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
 from benchmarks.sources.campaigns import Rows
 from tests.support.compcore.fit_cases import (
     BASES,
+    DIRECTIONS,
     GEOMETRY,
     TOOLS,
     bridge,
@@ -147,3 +151,38 @@ def test_effect_columns_are_those_of_the_jacobian() -> None:
     for i, effect in enumerate(wanted.effects):
         own = problem.columns(theta)[:, problem.layout.terms[i]]
         assert problem.effect_columns(effect, {}) == pytest.approx(own)
+
+
+def test_an_arm_that_stands_askew_is_led_to_where_its_residuals_are_least() -> None:
+    """Zeros of degrees, a free tool, a tracker whose frame is turned: slopes of χ² itself."""
+    rng = np.random.default_rng(8)
+    places = {"C1": (0.0, 0.0, -900.0), "B2": (50.0, 0.0, -900.0), "B3": (50.0, 0.0, -400.0)}
+    axes = {a: Axis(a, (-2.0, 2.0), location=at) for a, at in places.items()}
+    arm = Machine("arm", Structure.parse("w b C1 B2 B3 t"), axes)
+    rows = Rows(tuple(axes))
+    poses = {a: rng.uniform(-1.0, 1.0, 25) for a in axes}
+    for u in DIRECTIONS.values():
+        keys = {"u": u, "tool_name": "T1", "free": ("frame",)}
+        rows.add("tracker", Kind.DISPLACEMENT, poses, np.zeros(25), 1e-2, **keys)
+    campaign = rows.campaign("arm", tools={"T1": TOOLS["T1"]})
+    wanted = replace(model(arm, *(f"rotary_location axis={a}" for a in axes)), composition="exact")
+    problem = Problem(wanted, campaign)
+    theta = problem.start()
+    angles = [i for i, u in enumerate(problem.layout.unknowns) if u.name[2] in "ABC"]
+    theta[angles[:-3]] = rng.uniform(-0.15, 0.15, len(angles) - 3)
+    point = problem.observation(theta).chain.point
+    turned = np.einsum("ni,ni->n", campaign.conditions.u, np.cross([0.01, -0.02, 0.015], point))
+    value = problem.predicted(theta) + turned + rng.normal(0.0, 0.3, problem.n)
+    problem = Problem(wanted, replace(campaign, value=value))
+
+    def left(at: np.ndarray) -> np.ndarray:
+        return problem.eliminator(at).project(problem.residual(at))
+
+    found = -left(theta) @ problem.columns(theta) * problem.layout.scale
+    expected = []
+    for k, scale in enumerate(problem.layout.scale):
+        step = np.zeros_like(theta)
+        step[k] = 1e-4 * scale
+        ends = [left(theta + sign * step) for sign in (1.0, -1.0)]
+        expected.append((ends[0] @ ends[0] - ends[1] @ ends[1]) / 4e-4)
+    np.testing.assert_allclose(found, expected, rtol=1e-4, atol=1e-3 * np.abs(expected).max())
