@@ -173,7 +173,8 @@ class Observation:
     def turned(self, vector: F64, motions: Mapping[ErrorMotion, F64]) -> F64:
         """By how much the errors turn a vector that is fixed to the tool, (n, 3), machine axes."""
         if self._slopes is not None:
-            return np.einsum("nij,nj->ni", self._slopes.orientation, vector) - vector
+            turned: F64 = np.einsum("nij,nj->ni", self._slopes.orientation, vector)
+            return turned - vector
         return np.cross(self.rotation_error(motions), vector)
 
     def rotation_error(self, motions: Mapping[ErrorMotion, F64]) -> F64:
