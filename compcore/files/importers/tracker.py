@@ -3,7 +3,8 @@
 A laser tracker, a total station or a camera on the floor sees a reflector in the spindle or on a
 robot's flange: ``C1, B2, …, x, y, z``. How the instrument stands, and where the reflector sits on
 the tool where rotary axes move, is found from the points themselves by least squares against the
-machine as the model describes it; both stay free in every fit.
+machine as the model describes it. How it stands stays free in every fit (``frame``); an offset that
+is wrong by a little is what `spindle_location` says.
 """
 
 from __future__ import annotations
@@ -15,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.campaign.campaign import Campaign, Kind, Tool
+from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import ForeignPlacing, Readings, place
 from abbe.compcore.files.importers.sheets.logged import (
@@ -37,9 +38,6 @@ F64 = NDArray[np.float64]
 
 COLUMNS = (("x", "y", "z"), ("px", "py", "pz"), ("mx", "my", "mz"))
 """What columns of a tracker's points may be called, where nobody says it."""
-
-REFLECTOR = "reflector"
-"""Name of the tool whose offset is found from the points."""
 
 _ROUNDS = 50
 _STILL = 1e-9
@@ -159,19 +157,17 @@ def import_points(
         *([f"left out, since no numbers: {', '.join(text)}"] if text else []),
         *(["no clock: no drift, warm-up or lag can be looked for"] if not clock else []),
     ]
-    tool = tuple(round(float(v), 3) for v in pose.tool)
+    first, second, third = (round(float(v), 3) for v in pose.tool)
+    tool = (first, second, third)
     if free:
-        where = ", ".join(f"{v:g}" for v in tool)
-        notes.append(f"the reflector's offset is found too, and free in a fit: {where} mm")
+        notes.append(
+            "the reflector's offset is found too: "
+            + ", ".join(f"{v:g}" for v in tool)
+            + " mm; what is wrong with it shows as spindle_location"
+        )
     metadata = {"instrument": "tracker"} | ({} if date is None else {"date": date})
-    campaign = place(source, sheet.data, rows, placing, notes, metadata, machine)
-    if not free:
-        return campaign
-    first, second, third = tool
-    held = np.full(campaign.n, REFLECTOR)
-    offset = Tool(REFLECTOR, (first, second, third), ("x", "y", "z"))
-    conditions = replace(campaign.conditions, tool=np.tile(tool, (campaign.n, 1)))
-    return replace(campaign, conditions=conditions, tool_name=held, tools={REFLECTOR: offset})
+    held = replace(placing, tool=tool)
+    return place(source, sheet.data, rows, held, notes, metadata, machine)
 
 
 def stand(chain: Chain, seen: F64, tool: F64, *, free: bool) -> TrackerPose:

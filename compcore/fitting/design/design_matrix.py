@@ -149,7 +149,6 @@ class Problem(PreparedRows):
             out[:, where] = weighted * sign[:, None]
         if layout.tools:
             motions = self.error_motions(theta)
-            frames = self._turns_of_frames(theta)
             is_distance = np.zeros(self.n, dtype=np.bool_)
             is_distance[observation.distance] = True
             for name, (where, free) in layout.tools.items():
@@ -159,32 +158,8 @@ class Problem(PreparedRows):
                         self._tool_directions[k] = observation.tool_direction(k)
                     nominal = self._tool_directions[k] * used[:, None]
                     moved = observation.turned(nominal, motions) + nominal * is_distance[:, None]
-                    if frames is not None:
-                        held = np.cross(frames, observation.chain.to_workpiece(nominal))
-                        moved += observation.chain.to_machine_axes(held)
                     seen = np.einsum("ni,ni->n", observation.toward, moved)
                     out[:, column] = seen * self.weight
-
-    def _turns_of_frames(self, theta: F64) -> F64 | None:
-        """By what a set-up's own frame is turned at θ, (n, 3), rad, workpiece frame; None: by none.
-
-        A tool's offset turns with it. Of a block of rows nobody knows it, and of so many rows as
-        come in blocks it is left out, which costs a step or two.
-        """
-        if self.large or self._block:
-            return None
-        setups = self.campaign.setups
-        framed = [
-            b for b in self.setups(theta) if "frame" in getattr(setups.get(b.setup), "free", ())
-        ]
-        if not framed:
-            return None
-        values = self.eliminator(theta).values(self.residual(theta))
-        out = np.zeros((self.n, 3))
-        for block in framed:
-            own = values[block.setup]
-            out[block.rows] = [own[f"frame {k}"][0] for k in "abc"]
-        return out
 
     def jacobian(self, theta: F64) -> F64:
         """Weighted ∂value/∂(θ, nuisances), dense, shape (n, layout.size + q)."""

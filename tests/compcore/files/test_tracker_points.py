@@ -14,7 +14,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import read_campaign, write_campaign
 from abbe.compcore.files.importers.placing import ForeignPlacing
-from abbe.compcore.files.importers.tracker import REFLECTOR, import_points
+from abbe.compcore.files.importers.tracker import import_points
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.machine import Machine
@@ -86,18 +86,15 @@ def test_where_an_arm_holds_its_reflector_is_found(tmp_path: Path) -> None:
     path = written(tmp_path / "p.csv", "C1 B2 B3 A4 B5 px py pz", angles, seen * 1e-3)
     campaign = import_points(path, arm, unit="m")
     assert np.abs(campaign.value).max() < 2e-3, "the offset is written in µm"
-    tool = campaign.tools[REFLECTOR]
-    assert tool.offset == pytest.approx(TOOL, abs=1e-3)
-    assert tool.free == ("x", "y", "z")
+    assert campaign.conditions.tool[0] == pytest.approx(TOOL, abs=1e-3)
     assert campaign.setups["p"].free == ("frame",)
     write_campaign(campaign, tmp_path / "c.csv")
     again = read_campaign(tmp_path / "c.csv", arm)
-    assert again.tools[REFLECTOR].offset == pytest.approx(tool.offset)
+    np.testing.assert_allclose(again.conditions.tool, campaign.conditions.tool)
     np.testing.assert_allclose(again.value, campaign.value, atol=1e-8)
-    # an offset that is known is no free one
+    # an offset that is known is not looked for
     known = ForeignPlacing(tool=(310.0, -20.0, 45.0))
     stated = import_points(path, arm, known, unit="m", tool_known=True)
-    assert not stated.tools
     assert np.abs(stated.value).max() < 1e-9
 
 
