@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.artefacts.plate import rigid_placing
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import ForeignPlacing, Readings, place
@@ -135,6 +136,11 @@ def import_points(
     turning = [a for a in positions if is_rotary(a) and np.ptp(positions[a]) > 0.0]
     free = bool(turning) and not tool_known
     chain = Chain(machine, Conditions(at, tool=np.tile(placing.tool, (n, 1))))
+    if not float(np.ptp(seen, axis=0).max()) > 0.0:
+        raise InputError(
+            "the points are all the same", file=source, field=", ".join(names),
+            found=f"{n} points at one place", expected="points over the working volume",
+        )  # fmt: skip
     pose = stand(chain, seen, np.array(placing.tool), free=free)
     spread = float(np.sqrt(np.mean(np.ptp(seen, axis=0) ** 2)))
     if pose.rms > _FITS * spread:
@@ -190,7 +196,7 @@ def stand(chain: Chain, seen: F64, tool: F64, *, free: bool) -> TrackerPose:
     orientation = np.asarray(chain.orientation)
     for _ in range(_ROUNDS if free else 1):
         point = chain.with_tool(np.tile(tool, (n, 1))).point
-        turn, shift = _rigid(point, seen)
+        turn, shift = rigid_placing(point, seen)
         left = (seen - shift) @ turn - point
         if not free:
             break
@@ -212,17 +218,8 @@ def stand(chain: Chain, seen: F64, tool: F64, *, free: bool) -> TrackerPose:
         if float(np.abs(step).max()) < _STILL:
             break
     point = chain.with_tool(np.tile(tool, (n, 1))).point
-    turn, shift = _rigid(point, seen)
+    turn, shift = rigid_placing(point, seen)
     return TrackerPose(turn, shift, tool, (seen - shift) @ turn - point)
-
-
-def _rigid(point: F64, seen: F64) -> tuple[F64, F64]:
-    """The rotation and shift that lay points on those seen best (Kabsch 1976)."""
-    middle, other = point.mean(axis=0), seen.mean(axis=0)
-    u, _, v = np.linalg.svd((point - middle).T @ (seen - other))
-    hand = np.diag([1.0, 1.0, float(np.sign(np.linalg.det(v.T @ u.T)))])
-    turn = v.T @ hand @ u.T
-    return turn, other - turn @ middle
 
 
 def _points(

@@ -112,6 +112,9 @@ def test_what_is_none_of_this_machine_is_refused(tmp_path: Path) -> None:
         import_points(path, arm, measured=["x", "y", "height"])
     with pytest.raises(InputError, match="where axis A4 stood is not stated"):
         import_points(written(tmp_path / "r.csv", "C1 B2 B3 x y z", angles[:, :3], seen), arm)
+    still = written(tmp_path / "s.csv", "C1 B2 B3 A4 B5 x y z", angles, np.tile(SHIFT, (25, 1)))
+    with pytest.raises(InputError, match="the points are all the same"):
+        import_points(still, arm)
     table = machine("w X' b Y Z t")
     with pytest.raises(InputError, match="an axis that carries the workpiece moves"):
         import_points(written(tmp_path / "t.csv", "X Y Z x y z", seen, seen), table)
