@@ -237,4 +237,4 @@ class ChainBatch:
         where = {a: positions[:, i] for i, a in enumerate(self._machine.structure.axes)}
         chain = Chain(self._machine, self._state.conditions(where, {}))
         error = self._compose(chain, motions)[0]
-        return np.asarray(np.linalg.solve(chain.axis_moves(), error[:, :, None])[:, :, 0])
+        return chain.as_moves(error)

@@ -21,9 +21,9 @@ from abbe.compcore.compensator.folding.metric import influences
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.compensator.pose_step import PoseError, PoseStep, pose_step
 from abbe.compcore.compensator.step_cartesian import Step, cartesian_step, nine
+from abbe.compcore.compensator.step_few_axes import few_axes_step
 from abbe.compcore.compensator.step_general import general_step
 from abbe.compcore.errors import InputError, require_type
-from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.lag import LagState
 from abbe.compcore.model.inverse import Inverse, invert
 from abbe.compcore.model.model import Model
@@ -72,8 +72,9 @@ class Compensator:
     Raises
     ------
     InputError
-        When the machine has no axis X, Y or Z that could carry a correction, or `turning` names
-        one that is no rotary axis of it.
+        When the machine has no axis X, Y or Z that could carry a correction, when `turning` names
+        one that is no rotary axis of it, or where not all of X, Y, Z are there to take back what
+        that moves.
     """
 
     def __init__(
@@ -99,8 +100,20 @@ class Compensator:
         self.model = model
         self.axes = model.machine.structure.axes
         self._state = SlowState(tool=tool)
-        somewhere = {a: np.full(1, model.machine.axis(a).middle) for a in self.axes}
-        Chain(model.machine, self._state.conditions(somewhere, {})).axis_moves()
+        self._carrying = model.machine.structure.carrying
+        if not self._carrying:
+            raise InputError(
+                "the machine has no axis X, Y or Z that could carry a correction",
+                field="structure",
+                found=str(model.machine.structure),
+            )
+        if turning and len(self._carrying) < len("XYZ"):
+            raise InputError(
+                f"a correction of {turning[0]} moves the tool's tip, and the machine lacks an axis "
+                "X, Y or Z that takes that back",
+                field="turning",
+                found=str(model.machine.structure),
+            )
         self._fold = Fold(model, tolerance_mm, self._reach(tool), self._state)
         self.signals = self._fold.signals
         self._lags = {key: LagState(key[1]) for key in self._fold.lags}
@@ -211,6 +224,8 @@ class Compensator:
     ) -> tuple[float, float, float]:
         """Error at one point as moves of X, Y, Z, mm; corrected reading = reading + error.
 
+        The move of an axis that the machine does not have is 0.
+
         Parameters
         ----------
         positions
@@ -291,16 +306,20 @@ class Compensator:
             Where the error's slope reaches 1; names the point and the factor.
         """
         rows = np.atleast_2d(np.asarray(target, dtype=np.float64))
-        carrying = [self.axes.index(a) for a in "XYZ"]
+        carrying = [self.axes.index(a) for a in self._carrying]
+        moves = ["XYZ".index(a) for a in self._carrying]
         order = [*carrying, *(i for i in range(len(self.axes)) if i not in carrying)]
         back = np.argsort(order)
         found = invert(
-            lambda x: self.errors(x[:, back], directions), rows[:, order], tolerance=tolerance
+            lambda x: self.errors(x[:, back], directions)[:, moves],
+            rows[:, order],
+            tolerance=tolerance,
+            letters=self._carrying,
         )
         return replace(found, positions=found.positions[:, back])
 
     def _reach(self, tool: Triple) -> float:
-        longest = max(np.ptp(self.model.machine.axis(a).travel) for a in "XYZ")
+        longest = max(np.ptp(self.model.machine.axis(a).travel) for a in self._carrying)
         return max(1.01 * math.hypot(*tool), _REACH * float(longest))
 
     def _turn_tool(self) -> None:
@@ -314,6 +333,7 @@ class Compensator:
         self._nine: F64 | None = None
         if first and not machine.structure.rotary:
             moves = influences(machine, error_motions, self._state.conditions(rows, {}))
+            moves[:, [k for k, a in enumerate("XYZ") if a not in self._carrying]] = 0.0
             per_mm = (moves[1:] - moves[0]) / _FAR
             per_mm[np.abs(per_mm) < _NO_LEVER] = 0.0
             self._linear = moves[0], per_mm
@@ -331,6 +351,8 @@ class Compensator:
             self._batch = ChainBatch(model.machine, model.composition, tables, state)
         if self._nine is not None:
             self._step = cartesian_step(tables, self._nine, self.axes)
+        elif len(self._carrying) < len("XYZ"):
+            self._step = few_axes_step(model.machine, model.composition, tables, state)
         else:
             self._step = general_step(model.machine, model.composition, tables, state)
         if self.turning:

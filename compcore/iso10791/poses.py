@@ -7,6 +7,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, crossed
 from abbe.compcore.machine.machine import Machine
@@ -34,12 +35,19 @@ def following(machine: Machine, angles: Mapping[str, F64], point: F64, tool: F64
     InputError
         When the machine lacks one of X, Y, Z.
     """
+    for letter in "XYZ":
+        if letter not in machine.structure.linear:
+            raise InputError(
+                f"the machine has no axis {letter} that could follow the point",
+                field="structure",
+                found=str(machine.structure),
+            )
     n = len(point)
     positions = {a: np.asarray(angles.get(a, np.zeros(n))) for a in machine.structure.axes}
     positions |= {a: np.zeros(n) for a in "XYZ" if a in positions}
     chain = Chain(machine, Conditions(positions, tool=tool))
     missing = chain.to_machine_axes(point - chain.point)
-    moves = np.linalg.solve(chain.axis_moves(), missing[:, :, None])[:, :, 0]
+    moves = chain.as_moves(missing)
     return {**positions, **{a: np.asarray(moves[:, k]) for k, a in enumerate("XYZ")}}
 
 

@@ -248,22 +248,53 @@ class Chain:
         """Directions of the machine's three linear axes X, Y, Z in machine axes, (n, 3, 3).
 
         Column k is what a positive move of the k-th linear direction does to the functional point.
-
-        Raises
-        ------
-        InputError
-            When the machine lacks one of the three.
+        A direction that the machine has no axis for (Y of a lathe) is square to all that it has,
+        and as near to the letter's own as that allows: what no axis can move.
         """
-        columns = []
-        for letter in "XYZ":
-            if letter not in self._directions:
-                raise InputError(
-                    f"the machine has no axis {letter} that could carry a correction",
-                    field="structure",
-                    found=str(self.machine.structure),
-                )
-            columns.append(self.to_machine_axes(self._directions[letter]))
-        return np.stack(columns, axis=2)
+        columns = {
+            letter: self.to_machine_axes(self._directions[letter])
+            for letter in self.machine.structure.carrying
+        }
+        if len(columns) < len("XYZ"):
+            columns = _with_directions_beside(columns, self.conditions.n)
+        return np.stack([columns[letter] for letter in "XYZ"], axis=2)
+
+    def along_axes(self, vectors: F64) -> F64:
+        """Components of vectors in machine axes, (n, 3) or (n, 3, m), along `axis_moves`."""
+        some = vectors if vectors.ndim == 3 else vectors[:, :, None]
+        found = np.asarray(np.linalg.solve(self.axis_moves(), some))
+        return found if vectors.ndim == 3 else found[:, :, 0]
+
+    def as_moves(self, vectors: F64) -> F64:
+        """Vectors in machine axes, (n, 3) or (n, 3, m), as moves of X, Y and Z; the same shape.
+
+        The move of an axis that the machine does not have is 0: what stands square to all axes
+        that it has is left (`left_by_moves`).
+        """
+        moves = self.along_axes(vectors)
+        for k, letter in enumerate("XYZ"):
+            if letter not in self.machine.structure.carrying:
+                moves[:, k] = 0.0
+        return moves
+
+    def left_by_moves(self, vectors: F64) -> F64:
+        """What no move of X, Y and Z takes away of vectors (n, 3) in machine axes, (n, 3)."""
+        moved = np.einsum("nij,nj->ni", self.axis_moves(), self.as_moves(vectors))
+        return np.asarray(vectors - moved)
+
+
+def _with_directions_beside(columns: dict[str, F64], n: int) -> dict[str, F64]:
+    """Unit directions (n, 3) for all of X, Y, Z: those that are missing square to those there."""
+    missing = [letter for letter in "XYZ" if letter not in columns]
+    own = np.eye(3)[[_UNIT[letter] for letter in missing]].T
+    units = np.broadcast_to(own, (n, 3, len(missing)))
+    if columns:
+        there = np.linalg.qr(np.stack([*columns.values()], axis=2), mode="complete")[0]
+        free = there[:, :, len(columns) :]
+        # the free directions turned so that they are as near to the letters' own as they can be
+        u, _, vt = np.linalg.svd(np.swapaxes(free, 1, 2) @ units)
+        units = free @ (u @ vt)
+    return columns | {letter: units[:, :, k] for k, letter in enumerate(missing)}
 
 
 def first_order(chain: Chain, motions: Mapping[ErrorMotion, F64]) -> tuple[F64, F64]:

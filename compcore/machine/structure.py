@@ -120,6 +120,15 @@ class Structure:
         return tuple(a for a in self.axes if not is_rotary(a))
 
     @property
+    def carrying(self) -> tuple[str, ...]:
+        """Those of X, Y, Z that the machine has: the axes that can carry a correction.
+
+        >>> Structure.parse("w b Z X t").carrying
+        ('X', 'Z')
+        """
+        return tuple(a for a in "XYZ" if a in self.linear)
+
+    @property
     def rotary(self) -> tuple[str, ...]:
         """The rotary axes, from workpiece to tool."""
         return tuple(a for a in self.axes if is_rotary(a))

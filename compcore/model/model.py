@@ -397,11 +397,10 @@ class Model:
 
         On a machine whose linear axes stand square to the bed these are the components of the
         error; where rotary axes carry linear ones, the components along those axes as they stand.
+        The move of an axis that the machine does not have is 0 (`Chain.left_by_moves`).
         """
         chain = Chain(self.machine, conditions)
-        error = self._predict(chain).translation
-        moves = chain.axis_moves()
-        along = np.asarray(np.linalg.solve(moves, error[:, :, None])[:, :, 0], dtype=np.float64)
+        along = chain.as_moves(self._predict(chain).translation)
         return {axis: along[:, k] for k, axis in enumerate("XYZ")}
 
     def contributions(self, conditions: Conditions) -> dict[str, F64]:

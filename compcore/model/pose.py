@@ -14,7 +14,6 @@ reported: an axis turns by at most 26 times the lean that it corrects.
 from __future__ import annotations
 
 from collections.abc import Collection
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +23,8 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, crossed
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.pose_by_all_axes import command_by_all_axes
+from abbe.compcore.model.wanted_pose import Command, FoundPose, WantedPose
 
 F64 = NDArray[np.float64]
 
@@ -43,36 +44,6 @@ _RUNAWAY = 1e4
 _LEFT = 1e-9
 """rad: less than this counts as nothing left."""
 _SPINDLE_AXIS = {"A": 0, "B": 1, "C": 2}
-
-
-@dataclass(frozen=True, eq=False)
-class Command:
-    """The commanded positions at n points, and the part of the pose that they do not reach.
-
-    Attributes
-    ----------
-    conditions
-        The target's conditions with the commanded positions.
-    direction_left, spin_left
-        Angle between the tool and where it should point, and its turn about itself against what it
-        should be, each (n,), rad. The second does not matter where a spindle turns the tool.
-    damped
-        Whether something is left because a rotary axis stands near a pole, (n,).
-    limited
-        Whether a rotary axis would have to turn by more than allowed, or out of its travel, (n,).
-    rounds
-        Of the iteration, at the slowest point.
-    contraction
-        Estimated factor by which a round brought the point nearer, shape (n,).
-    """
-
-    conditions: Conditions
-    direction_left: F64
-    spin_left: F64
-    damped: NDArray[np.bool_]
-    limited: NDArray[np.bool_]
-    rounds: int
-    contraction: F64
 
 
 def tool_letter(machine: Machine) -> str:
@@ -96,6 +67,9 @@ def command_of(
 ) -> Command:
     """The command at which the real machine takes the pose that the nominal one has at a target.
 
+    Where one of X, Y, Z is missing, rotary axes bring the tool to its point too
+    (`abbe.compcore.model.pose_by_all_axes`).
+
     Parameters
     ----------
     model
@@ -105,23 +79,24 @@ def command_of(
     held
         Rotary axes that are not to be moved.
     most
-        rad: farther than this no rotary axis is moved.
+        rad: farther than this no rotary axis is moved for the sake of orientation.
 
     Raises
     ------
     InputError
-        When the machine has no X, Y or Z.
+        When no axis is left that could carry a correction.
     NotContractionError
         When no command can be found: the error changes too fast with position.
     """
     machine = model.machine
-    wanted = Chain(machine, target)
     axis = "XYZ".index(tool_letter(machine))
+    if len(machine.structure.carrying) < len("XYZ"):
+        return command_by_all_axes(model, target, axis, tuple(held))
+    wanted = Chain(machine, target)
     spinning = spinning_axes(machine, axis)
     turning = [a for a in machine.structure.rotary if a not in held]
-    wanted.axis_moves()  # refuses a machine without X, Y or Z
     linear = [*"XYZ"]
-    pose = _WantedPose(model, wanted, axis)
+    pose = WantedPose(model, wanted, axis)
     n = target.n
     moved = {a: np.zeros(n) for a in [*linear, *turning]}
     before, factor = np.full(n, np.inf), np.zeros(n)
@@ -158,55 +133,8 @@ def command_of(
     )
 
 
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Where the tool is, seen from where it should be; vectors in the workpiece's frame."""
-
-    chain: Chain
-    place: F64
-    """From the tool's place to the wanted one, (n, 3), mm."""
-    direction: F64
-    """Wanted direction of the tool, (n, 3)."""
-    across: F64
-    """By what it has to be turned to point there, (n, 3), rad, square to `direction`."""
-    spin: F64
-    """By what it then has to be turned about itself, (n,), rad."""
-
-
-class _WantedPose:
-    """The wanted pose, and how far a machine that errs is from it."""
-
-    def __init__(self, model: Model, wanted: Chain, axis: int) -> None:
-        self._model, self._wanted, self._axis = model, wanted, axis
-
-    def at(self, conditions: Conditions) -> _Found:
-        """The pose at commanded positions."""
-        chain = Chain(self._model.machine, conditions)
-        predicted = self._model.predict(conditions)
-        place = chain.point + chain.to_workpiece(predicted.translation)
-        axes = chain.orientation  # columns: directions at the tool
-        turned = np.stack(
-            [
-                chain.to_workpiece(
-                    np.einsum(
-                        "nij,nj->ni", predicted.orientation, chain.to_machine_axes(axes[:, :, k])
-                    )
-                )
-                for k in range(3)
-            ],
-            axis=2,
-        )
-        wanted = self._wanted.orientation
-        turn = 0.5 * sum(crossed(turned[:, :, k], wanted[:, :, k]) for k in range(3))
-        direction = wanted[:, :, self._axis]
-        actual = turned[:, :, self._axis]
-        across = crossed(actual / np.linalg.norm(actual, axis=1)[:, None], direction)
-        spin = np.einsum("ni,ni->n", np.asarray(turn), direction)
-        return _Found(chain, self._wanted.point - place, direction, across, spin)
-
-
 def _turns(
-    found: _Found,
+    found: FoundPose,
     target: Conditions,
     moved: dict[str, F64],
     turning: list[str],
@@ -245,7 +173,7 @@ def _turns(
     return turned, limited
 
 
-def _across(found: _Found, axes: list[str]) -> F64:
+def _across(found: FoundPose, axes: list[str]) -> F64:
     """What a unit turn of each axis does to the tool's direction, as turns, (n, 3, axes)."""
     columns = []
     for a in axes:
@@ -261,7 +189,7 @@ def _damping(sine: F64) -> F64:
 
 
 def _command(
-    found: _Found,
+    found: FoundPose,
     at: Conditions,
     turning: list[str],
     spinning: frozenset[str],
@@ -275,7 +203,8 @@ def _command(
     if pointing:
         sines = np.linalg.svd(_across(found, pointing), compute_uv=False)
         damped = (sines[:, : min(2, len(pointing))].min(axis=1) < POLE) & (left > _LEFT)
-    return Command(at, left, np.abs(found.spin), damped, limited, rounds, factor)
+    place = np.zeros(len(left))
+    return Command(at, left, np.abs(found.spin), place, damped, limited, rounds, factor)
 
 
 def spinning_axes(machine: Machine, axis: int) -> frozenset[str]:

@@ -147,7 +147,7 @@ class ErrorField:
         chain = Chain(self.model.machine, conditions)
         compose = exact if self.model.composition == "exact" else first_order
         moved = compose(chain, motions)[0]
-        return np.asarray(np.linalg.solve(chain.axis_moves(), moved[:, :, None])[:, :, 0])
+        return chain.as_moves(moved)
 
     def reversing(self) -> tuple[str, ...]:
         """Axes on whose approach direction the error depends, in the structure's order."""

@@ -97,6 +97,5 @@ def _at(
     facing = {a: np.full(n, float(d)) for a, d in directions.items()}
     conditions = state.conditions(positions, facing)
     found = model.predict(conditions)
-    moves = Chain(model.machine, conditions).axis_moves()
-    along = np.linalg.solve(moves, found.translation[:, :, None])[:, :, 0]
+    along = Chain(model.machine, conditions).as_moves(found.translation)
     return np.concatenate([along, found.rotation], axis=1)

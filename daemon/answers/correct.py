@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -31,19 +31,22 @@ Triple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
-class OrientationLeft:
-    """What of the tool's orientation a command does not bring back.
+class PoseLeft:
+    """What of the tool's pose a command does not bring back.
 
     Attributes
     ----------
     direction, spin
         Angle between the tool and where it should point, and its turn about itself, rad.
+    place
+        Distance of the functional point from where it should be, mm.
     damped, limited
         Whether a rotary axis stands near a pole, or would have to turn farther than it may.
     """
 
     direction: float
     spin: float
+    place: float
     damped: bool
     limited: bool
 
@@ -68,8 +71,14 @@ class Corrected:
         What full rotations add to the sum of the parts, mm.
     contraction, iterations
         Of the iteration that found the command.
+    carrying
+        Those of X, Y, Z that the machine has.
+    beside
+        Of the error, what no linear axis moves (Y of a lathe): direction → mm; empty where X, Y
+        and Z are there, and for a command that has `left`.
     left
-        Of a command on a machine with rotary axes: what of the tool's orientation it leaves.
+        Of a command on a machine with rotary axes: what of the tool's place and orientation it
+        leaves.
     sure
         How sure the model is there; None where nobody knows.
     """
@@ -82,7 +91,9 @@ class Corrected:
     second_order: Triple
     contraction: float = 0.0
     iterations: int = 0
-    left: OrientationLeft | None = None
+    carrying: tuple[str, ...] = ("X", "Y", "Z")
+    beside: Mapping[str, float] = field(default_factory=dict)
+    left: PoseLeft | None = None
     sure: PredictionUncertainty | None = None
 
     def correction(self, axis: str) -> float:
@@ -98,7 +109,7 @@ def correct_point(
     Raises
     ------
     InputError
-        When the machine has no X, Y or Z that could carry a correction.
+        When no axis of the machine can carry a correction that a command needs.
     NotContractionError
         When a command cannot be found.
     """
@@ -108,24 +119,28 @@ def correct_point(
         posed = command_of(model, at, held=held)
         place, iterations = posed.conditions, posed.rounds
         contraction = float(posed.contraction[0])
-        left = OrientationLeft(
+        left = PoseLeft(
             float(posed.direction_left[0]),
             float(posed.spin_left[0]),
+            float(posed.place_left[0]),
             bool(posed.damped[0]),
             bool(posed.limited[0]),
         )
     elif command:
         place, solved = invert_model(model, at)
         contraction, iterations = float(solved.contraction[0]), solved.iterations
-    error = _triple(model.axis_error(place))
+    chain = Chain(model.machine, place)
+    error = chain.along_axes(model.predict(place).translation)[0]
+    carrying = model.machine.structure.carrying
+    beside = {a: float(e) for a, e in zip("XYZ", error, strict=True) if a not in carrying}
     asked = {a: _shown(a, float(q[0])) for a, q in at.positions.items()}
     if command:
         answer = {a: _shown(a, float(q[0])) for a, q in place.positions.items()}
     else:
-        answer = {a: q + dict(zip("XYZ", error, strict=True)).get(a, 0.0) for a, q in asked.items()}
-    moves = Chain(model.machine, place).axis_moves()[0]
+        found = dict(zip("XYZ", error.tolist(), strict=True))
+        answer = {a: q + found.get(a, 0.0) for a, q in asked.items()}
     parts = {
-        spec: _triple_of(np.linalg.solve(moves, part[0]))
+        spec: _triple_of(chain.along_axes(part)[0])
         for spec, part in model.contributions(place).items()
     }
     summed = np.sum([*parts.values(), (0.0, 0.0, 0.0)], axis=0)
@@ -135,9 +150,11 @@ def correct_point(
         command,
         model.predict(place).orientation[0],
         parts,
-        _triple_of(np.asarray(error) - summed),
+        _triple_of(error - summed),
         contraction,
         iterations,
+        carrying,
+        beside if left is None else {},
         left,
         uncertainty(model, place),
     )
@@ -148,11 +165,13 @@ def as_json(found: Corrected, warnings: list[str], *, explain: bool) -> dict[str
     reported: dict[str, Any] = {
         "indicated": dict(found.asked),
         "corrected": dict(found.answer),
-        "correction": {a: found.correction(a) for a in "XYZ"},
+        "correction": {a: found.correction(a) for a in found.carrying},
         "unit": "mm",
         "orientation": found.orientation.tolist(),
         "answers": "command" if found.command else "reading",
     }
+    if found.beside:
+        reported["left"] = dict(found.beside)
     if found.command:
         reported["contraction"] = found.contraction
         reported["iterations"] = found.iterations
@@ -173,6 +192,7 @@ def as_json(found: Corrected, warnings: list[str], *, explain: bool) -> dict[str
         reported["rotary_correction"] = {a: round(v, 12) for a, v in rotary.items()}
         reported["rotary_unit"] = "deg"
         reported["orientation_left"] = {
+            **({} if len(found.carrying) == 3 else {"place": found.left.place}),
             "direction": found.left.direction * 1e6,
             "spin": found.left.spin * 1e6,
             "unit": "urad",
@@ -207,13 +227,19 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
                 f"{axis:<4} {asked:>11.4f} mm   {found.answer[axis]:>11.4f} mm  "
                 f"{round(found.correction(axis) * 1e3, 2) + 0.0:>9.2f} µm{wide}"
             )
+    for direction, error in found.beside.items():
+        wide = "" if found.sure is None else _plus_minus(found.sure, direction)
+        yield (
+            f"{direction:<4} {'stays':>14}   {'no axis':>14}  "
+            f"{round(error * 1e3, 2) + 0.0:>9.2f} µm{wide}"
+        )
     turn = found.orientation
     angles = (turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
     a, b, c = (f"{round(0.5e6 * angle, 1) + 0.0:.1f}" for angle in angles)
     if found.left is None:
         yield f"the tool is turned by A {a}, B {b}, C {c} µrad"
     else:
-        yield from _orientation_left(found.left)
+        yield from _pose_left(found.left, short_of_axes=len(found.carrying) < len("XYZ"))
     if found.command:
         yield (
             f"found in {found.iterations} rounds; each shrinks what is left to "
@@ -230,12 +256,19 @@ def _plus_minus(sure: PredictionUncertainty, axis: str) -> str:
     return "" if wide is None else f" ± {wide * 1e3:.2f}"
 
 
-def _orientation_left(left: OrientationLeft) -> Iterator[str]:
+def _pose_left(left: PoseLeft, *, short_of_axes: bool) -> Iterator[str]:
+    if short_of_axes:
+        yield f"the tool then stands {left.place * 1e3:.2f} µm from where it should"
     yield (
         f"the tool then points {left.direction * 1e6:.2f} µrad beside where it should, and is "
         f"turned about itself by {left.spin * 1e6:.2f} µrad"
     )
-    if left.damped:
+    if left.damped and short_of_axes:
+        yield (
+            "near a singular position: no axis moves the tool well in the direction that is left, "
+            "and none is made to turn far for little"
+        )
+    elif left.damped:
         yield (
             "near a pole: the axis that would turn the tool stands almost along it, and is not "
             "made to turn far for little"
@@ -269,11 +302,6 @@ def _um(millimetres: float) -> str:
 
 def _shown(axis: str, position: float) -> float:
     return math.degrees(position) if is_rotary(axis) else position
-
-
-def _triple(columns: Mapping[str, F64]) -> Triple:
-    x, y, z = (float(columns[a][0]) for a in "XYZ")
-    return x, y, z
 
 
 def _triple_of(vector: F64) -> Triple:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -15,6 +15,7 @@ from abbe.compcore.files.campaign_csv.columns import TOOL
 from abbe.compcore.files.points_file import PointBlock, PointsFile
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.streamed_conditions import LagStates, StreamedConditions
 from abbe.compcore.model.inverse import invert_model
 from abbe.compcore.model.model import Model
@@ -62,7 +63,7 @@ class CorrectedFile:
     def add(self, at: Conditions, correction: F64) -> None:
         """Take some rows into account."""
         self.rows += len(correction)
-        self.worst = max(self.worst, float(np.abs(correction).max()))
+        self.worst = max(self.worst, float(np.abs(correction).max(initial=0.0)))
         tool = dict(zip("xyz", at.tool.T, strict=True))
         for kept, columns in (
             (self.ranges, at.positions), (self.signals, at.signals), (self.tool, tool),
@@ -139,7 +140,10 @@ def _lines(
 ) -> Iterator[str]:
     root = covariance_root(model.covariance) if sure and model.covariance is not None else None
     turned = model.machine.structure.rotary if command else ()
-    added = [f"{a}_corrected" for a in (*"XYZ", *turned)]
+    carrying = model.machine.structure.carrying
+    few = len(carrying) < len("XYZ")
+    added = [f"{a}_corrected" for a in (*carrying, *turned)]
+    added += ["place_left_um"] if few else []
     added += ["orientation_left_urad"] if turned else []
     added += [*(f"plus_minus_{a}_um" for a in "XYZ"), "not_measured"] if sure else []
     for name in added:
@@ -153,40 +157,61 @@ def _lines(
     yield "".join(f"{line}\n" for line in source.top) + ",".join([source.header, *added]) + "\n"
     for block in source.blocks():
         at = reader.conditions(block)
-        start = np.stack([at.position(a) for a in "XYZ"], axis=1)
-        angles: list[F64] = []
-        if command:
-            try:
-                if turned:
-                    posed = command_of(model, at, held=held)
-                    place = posed.conditions.position
-                    answer = np.stack([place(a) for a in "XYZ"], axis=1)
-                    angles = [np.degrees(place(a)) for a in turned]
-                    angles.append(posed.direction_left * 1e6)
-                else:
-                    answer = invert_model(model, at)[1].positions
-            except NotContractionError as error:
-                lines = f"lines {block.line[0]} to {block.line[-1]}"
-                raise NotContractionError(f"{source.file}, {lines}: {error}") from None
-        else:
-            moved = model.axis_error(at)
-            answer = start + np.stack([moved[a] for a in "XYZ"], axis=1)
+        try:
+            linear, further = _answers(model, at, command, held)
+        except NotContractionError as error:
+            lines = f"lines {block.line[0]} to {block.line[-1]}"
+            raise NotContractionError(f"{source.file}, {lines}: {error}") from None
         surely = None if root is None else _how_sure(model, at.aside(), root, summary)
         reader.settle()
-        summary.add(at, answer - start)
+        summary.add(at, linear - _linear(at, carrying))
         tell(f"correcting: {summary.rows:,} rows")
         more = [""] * len(block.text)
-        if angles:
-            rows = np.stack(angles, axis=1).tolist()
-            more = ["".join(f",{q:.9f}" for q in row[:-1]) + f",{row[-1]:.3f}" for row in rows]
+        for column, digits in further:
+            more = [m + f",{v:.{digits}f}" for m, v in zip(more, column.tolist(), strict=True)]
         if surely is not None:
             more = [m + s for m, s in zip(more, surely, strict=True)]
         yield "".join(
-            f"{text},{x:.7f},{y:.7f},{z:.7f}{rest}\n"
-            for text, (x, y, z), rest in zip(block.text, answer.tolist(), more, strict=True)
+            text + "".join(f",{q:.7f}" for q in row) + f"{rest}\n"
+            for text, row, rest in zip(block.text, linear.tolist(), more, strict=True)
         )
     if not summary.rows:
         raise InputError("no points", file=source.file, expected="a row below the header")
+
+
+def _answers(
+    model: Model, at: Conditions, command: bool, held: Collection[str]
+) -> tuple[F64, list[tuple[F64, int]]]:
+    """Corrected X, Y, Z, as far as they are there, (n, k), mm; further columns, and their digits.
+
+    Further: rotary axes of a command, degrees; what of the place is left, µm, where one of X, Y, Z
+    is missing; what a command leaves of the tool's direction, µrad.
+    """
+    machine = model.machine
+    carrying, few = machine.structure.carrying, len(machine.structure.carrying) < len("XYZ")
+    if command and machine.structure.rotary:
+        posed = command_of(model, at, held=held)
+        place = posed.conditions
+        further = [(np.degrees(place.position(a)), 9) for a in machine.structure.rotary]
+        further += [(posed.place_left * 1e3, 3)] if few else []
+        return _linear(place, carrying), [*further, (posed.direction_left * 1e6, 3)]
+    answer = _linear(at, carrying)
+    if command:
+        at, solved = invert_model(model, at)
+        answer = solved.positions
+    else:
+        moved = model.axis_error(at)
+        for k, a in enumerate(carrying):
+            answer[:, k] += moved[a]
+    if not few:
+        return answer, []
+    left = Chain(machine, at).left_by_moves(model.predict(at).translation)
+    return answer, [(np.linalg.norm(left, axis=1) * 1e3, 3)]
+
+
+def _linear(at: Conditions, carrying: Sequence[str]) -> F64:
+    """Positions of these axes, (n, k), mm."""
+    return np.stack([np.zeros(at.n), *(at.position(a) for a in carrying)], axis=1)[:, 1:]
 
 
 def _how_sure(model: Model, at: Conditions, root: F64, summary: CorrectedFile) -> list[str]:

@@ -35,9 +35,16 @@ def corrected_page(found: Corrected, warnings: list[str], title: str, head: Page
     page.key_figures(
         [
             (f"correction in {a}", f"{found.correction(a) * 1e3:+.2f}{wide.get(a, '')}", "µm")
-            for a in "XYZ"
+            for a in found.carrying
         ]
     )
+    if found.beside:
+        page.key_figures(
+            [
+                (f"stays in {a}, no axis", f"{e * 1e3:+.2f}{wide.get(a, '')}", "µm")
+                for a, e in found.beside.items()
+            ]
+        )
     if found.left is not None:
         page.key_figures(
             [("direction of the tool left", f"{found.left.direction * 1e6:.2f}", "µrad")]

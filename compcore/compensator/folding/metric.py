@@ -26,12 +26,16 @@ _BETWEEN_SAMPLES = 1.1
 def influences(
     machine: Machine, error_motions: Sequence[ErrorMotion], conditions: Conditions
 ) -> F64:
-    """Moves of X, Y, Z (mm) per unit of each error motion on n rows, (n, 3, motions)."""
+    """Moves of X, Y, Z (mm) per unit of each error motion on n rows, (n, 3, motions).
+
+    Where the machine lacks one of the three, also what would be its move: by exact composition it
+    has a part in the others' moves.
+    """
     chain = Chain(machine, conditions)
     if not error_motions:
         return np.zeros((conditions.n, 3, 0))
     moved = np.stack([chain.influence(c)[0] for c in error_motions], axis=2)
-    return np.asarray(np.linalg.solve(chain.axis_moves(), moved))
+    return chain.along_axes(moved)
 
 
 class Metric:

@@ -158,7 +158,6 @@ def _columns(
     """Moves by one unit of each coarse table's values; rotations scaled by half the volume."""
     machine = field.model.machine
     chain = Chain(machine, field.conditions(where))
-    solve = np.linalg.inv(chain.axis_moves())
     reach = max(volume.half(a) for a in machine.structure.linear)
     blocks: list[F64] = []
     layout: list[tuple[str, int, F64, float, int]] = []
@@ -169,7 +168,7 @@ def _columns(
         for k, letter in enumerate(LETTERS):
             error_motion = ErrorMotion(axis, letter)
             scale = 1.0 / reach if error_motion.rotation else 1.0
-            moves = np.einsum("nij,nj->ni", solve, chain.influence(error_motion)[0]) * scale
+            moves = chain.as_moves(chain.influence(error_motion)[0]) * scale
             blocks.append((moves[:, :, None] * basis[:, None, :]).reshape(-1, len(nodes)))
             layout.append((axis, k, nodes, scale, first))
             first += len(nodes)

@@ -243,10 +243,31 @@ def test_moves_of_axes_that_a_rotary_axis_carries():
     np.testing.assert_allclose(turned.axis_moves()[0], np.eye(3), atol=1e-15)
 
 
-def test_machines_without_three_directions_say_so():
-    m = machine("w b X Z t")
-    with pytest.raises(InputError, match="no axis Y that could carry a correction"):
-        Chain(m, Conditions.at({"X": 0.0, "Z": 0.0})).axis_moves()
+def test_a_lathe_moves_what_its_axes_can_and_leaves_the_rest():
+    chain = Chain(machine("w b Z X t"), Conditions.at({"X": 3.0, "Z": -5.0}))
+    np.testing.assert_array_equal(chain.axis_moves()[0], np.eye(3))
+    error = np.array([[0.004, -0.003, 0.002]])
+    np.testing.assert_array_equal(chain.as_moves(error), [[0.004, 0.0, 0.002]])
+    np.testing.assert_array_equal(chain.left_by_moves(error), [[0.0, -0.003, 0.0]])
+
+
+@pytest.mark.parametrize("code", ["w b X Z t", "w b Y t", "w b C B t", "w b B Z X t", "w b A Y t"])
+def test_what_is_left_stands_square_to_every_axis_that_is_there(code):
+    rng = np.random.default_rng(3)
+    m = machine(code, **{a: Axis(a, (-4.0, 4.0)) for a in "ABC" if a in code})
+    where = {a: rng.uniform(-2.0, 2.0, 20) for a in m.structure.axes}
+    chain, error = Chain(m, Conditions(where)), rng.normal(size=(20, 3))
+    moves, left = chain.as_moves(error), chain.left_by_moves(error)
+    total = left.copy()
+    for k, letter in enumerate("XYZ"):
+        if letter in m.structure.linear:
+            way = chain.to_machine_axes(chain.screw(letter)[0])
+            np.testing.assert_allclose(np.einsum("ni,ni->n", way, left), 0.0, atol=1e-12)
+            total += moves[:, k : k + 1] * way
+        else:
+            assert not moves[:, k].any()
+    np.testing.assert_allclose(total, error, atol=1e-12)
+    np.testing.assert_allclose(np.abs(np.linalg.det(chain.axis_moves())), 1.0, atol=1e-9)
 
 
 def test_unknown_places_are_refused():

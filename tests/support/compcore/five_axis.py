@@ -32,11 +32,12 @@ CODES = {
     "C table": "w C' b X Y Z t",
     "B head": "w X' b Y Z B (C) t",
 }
+ANYWHERE: Mapping[str, tuple[float, float, float]] = {}
 NODES = {a: np.linspace(*t, 7) for a, t in {**LINEAR, **ROTARY}.items()}
 
 
-def machine_of(code: str) -> Machine:
-    """A machine of some structure."""
+def machine_of(code: str, places: Mapping[str, tuple[float, float, float]] = ANYWHERE) -> Machine:
+    """A machine of some structure; `places`: a point of a rotary axis's line, mm."""
     structure = Structure.parse(code)
     axes = {}
     for a in structure.axes:
@@ -44,7 +45,7 @@ def machine_of(code: str) -> Machine:
             axes[a] = Axis(a, LINEAR[a])
         else:
             place = LOCATION if a in structure.workpiece_side else ON_HEAD
-            axes[a] = Axis(a, ROTARY[a], location=place[a])
+            axes[a] = Axis(a, ROTARY[a[0]], location=places.get(a) or place[a])
     return Machine(code, structure, axes)
 
 
@@ -58,7 +59,7 @@ def errors_of(machine: Machine, seed: int = 4) -> dict[str, F64]:
 def model_of(machine: Machine, errors: Errors, composition: Composition = "exact") -> Model:
     """The same machine to Abbe."""
     tables = [
-        MeasuredTable(ErrorMotion(a, c), (a,), (NODES[a],), errors[a][k])
+        MeasuredTable(ErrorMotion(a, c), (a,), (NODES[a[0]],), errors[a][k])
         for a in machine.structure.axes
         for k, c in enumerate("XYZABC")
     ]
@@ -71,7 +72,7 @@ def turn(axis: str, angle: float) -> F64:
     """A right-handed turn about A, B or C, rad."""
     c, s = math.cos(angle), math.sin(angle)
     m = np.eye(4)
-    i, j = {"A": (1, 2), "B": (2, 0), "C": (0, 1)}[axis]
+    i, j = {"A": (1, 2), "B": (2, 0), "C": (0, 1)}[axis[0]]
     m[i, i] = m[j, j] = c
     m[i, j], m[j, i] = -s, s
     return m
@@ -92,7 +93,7 @@ def chain(
     for a in machine.structure.axes:
         e = np.eye(4)
         if errors is not None:
-            x, y, z, ea, eb, ec = (np.interp(q[a], NODES[a], v) for v in errors[a])
+            x, y, z, ea, eb, ec = (np.interp(q[a], NODES[a[0]], v) for v in errors[a])
             e = shift((x, y, z)) @ turn("A", ea) @ turn("B", eb) @ turn("C", ec)
         on_table = a in machine.structure.workpiece_side
         if a in "XYZ":

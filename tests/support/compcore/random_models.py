@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from abbe.compcore.campaign.coverage import Coverage
@@ -22,6 +24,9 @@ LINEAR_CODES = (
     "w Z' b X Y t",
     "w X' Y' Z' b t",
     "w Y' b X Z (C) t",
+    "w (C') b Z X t",
+    "w Y' b X t",
+    "w b Z t",
 )
 ROTARY_CODES = (
     "w X' b Y Z C B (C) t",
@@ -31,6 +36,8 @@ ROTARY_CODES = (
     "w A' b X Y Z t",
     "w b C X Y Z t",
     "w X' b B Y Z t",
+    "w C' b Z X t",
+    "w b C Z t",
 )
 TILTED = ("w X' b B Y Z t",)
 """Where a rotary axis would, a quarter of a turn on, lay two linear axes along one another."""
@@ -64,7 +71,8 @@ def random_machine(code: str, rng: np.random.Generator) -> Machine:
             point = tuple(rng.uniform(-50.0, 50.0, 3)) if rng.random() < 0.5 else (0.0, 0.0, 0.0)
             travel = (low, low + rng.uniform(100.0, 1500.0))
             axes[name] = Axis(name, travel, rotation_point=point)
-    return Machine("random", structure, axes, {s.name: s for s in SIGNALS})
+    signals = {s.name: s if s.axis in (None, *axes) else replace(s, axis=None) for s in SIGNALS}
+    return Machine("random", structure, axes, signals)
 
 
 def candidates(machine: Machine) -> list[Effect]:
