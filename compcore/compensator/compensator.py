@@ -101,12 +101,7 @@ class Compensator:
         self.axes = model.machine.structure.axes
         self._state = SlowState(tool=tool)
         self._carrying = model.machine.structure.carrying
-        if not self._carrying:
-            raise InputError(
-                "the machine has no axis X, Y or Z that could carry a correction",
-                field="structure",
-                found=str(model.machine.structure),
-            )
+        model.machine.structure.require_carrying()
         if turning and len(self._carrying) < len("XYZ"):
             raise InputError(
                 f"a correction of {turning[0]} moves the tool's tip, and the machine lacks an axis "

@@ -128,6 +128,22 @@ class Structure:
         """
         return tuple(a for a in "XYZ" if a in self.linear)
 
+    def require_carrying(self) -> None:
+        """Refuse a machine that has none of X, Y, Z: an arm or a mount of rotary axes.
+
+        Raises
+        ------
+        InputError
+            When no linear axis can carry a correction.
+        """
+        if not self.carrying:
+            raise InputError(
+                "the machine has no axis X, Y or Z that could carry a correction",
+                field="structure",
+                found=str(self),
+                expected="abbe correct --command, which says where to send rotary axes",
+            )
+
     @property
     def rotary(self) -> tuple[str, ...]:
         """The rotary axes, from workpiece to tool."""

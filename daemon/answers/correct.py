@@ -233,6 +233,8 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
             f"{direction:<4} {'stays':>14}   {'no axis':>14}  "
             f"{round(error * 1e3, 2) + 0.0:>9.2f} µm{wide}"
         )
+    if not found.carrying and not found.command:
+        yield "no linear axis moves that: --command says where to send the rotary axes instead"
     turn = found.orientation
     angles = (turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
     a, b, c = (f"{round(0.5e6 * angle, 1) + 0.0:.1f}" for angle in angles)

@@ -26,7 +26,8 @@ def overview(configuration: Configuration) -> dict[str, Any]:
     links = configuration.make_links(instruments=True)
     file, guard = configuration.file, configuration.file.guard
     model = configuration.model
-    x, y, z = guard.vector
+    carrying = model.machine.structure.carrying
+    most = dict(zip("XYZ", guard.vector, strict=True))
     return {
         "config": str(configuration.path),
         "model": {
@@ -45,7 +46,7 @@ def overview(configuration: Configuration) -> dict[str, Any]:
         "outputs": list(_outputs(configuration, links)),
         "cycle": {"period_s": file.cycle.period, "signals_every_s": file.cycle.signals_every},
         "guard": {
-            "max_correction_um": {"X": x * UM, "Y": y * UM, "Z": z * UM},
+            "max_correction_um": {a: v * UM for a, v in most.items() if a in carrying},
             "max_norm_um": round(guard.norm * UM, 3),
             "max_rate_um_per_s": guard.max_rate * UM,
             **_turns(configuration),

@@ -26,7 +26,8 @@ def check_outputs(channels: Channels, machine: Machine) -> None:
     InputError
         The first that is wrong.
     """
-    _check_axes(channels)
+    _check_guard(channels, machine)
+    _check_axes(channels, machine)
     _check_writable(channels)
     _check_apart(channels)
     _check_messages(channels)
@@ -35,7 +36,19 @@ def check_outputs(channels: Channels, machine: Machine) -> None:
     _check_one_sample(channels)
 
 
-def _check_axes(channels: Channels) -> None:
+def _check_guard(channels: Channels, machine: Machine) -> None:
+    """A largest correction for every direction in which the machine has an axis."""
+    stated = channels.file.guard.max_correction.stated
+    for letter in machine.structure.carrying or "XYZ":
+        if letter not in stated:
+            raise channels.source.error(
+                "missing",
+                ("guard", "max_correction", letter),
+                expected=f"a key '{letter}'",
+            )
+
+
+def _check_axes(channels: Channels, machine: Machine) -> None:
     file = channels.file
     components: dict[str, str] = {}
     for name in file.output.axes:
@@ -52,6 +65,14 @@ def _check_axes(channels: Channels) -> None:
         components[component] = name
     turned = [name for name in file.output.axes if is_rotary(name)]
     missing = [component for component in "XYZ" if component not in components]
+    without = [letter for letter in "XYZ" if letter not in machine.structure.carrying]
+    if turned and without:
+        raise channels.source.error(
+            f"a correction of {turned[0]} moves the tool's tip, and the machine has no axis that "
+            "takes that back in " + ", ".join(without),
+            ("output", "axes", turned[0]),
+            expected="linear axes alone",
+        )
     if turned and missing:
         raise channels.source.error(
             f"a correction of {turned[0]} moves the tool's tip, and nothing takes that back in "

@@ -85,9 +85,11 @@ def project(
     Raises
     ------
     InputError
-        When `points` is more than the controller can hold, a table is present that it cannot
-        hold, or the direction is to be held by a controller or a machine that cannot.
+        When the machine has none of X, Y, Z, `points` is more than the controller can hold, a table
+        is present that it cannot hold, or the direction is to be held by a controller or a
+        machine that cannot.
     """
+    field.model.machine.structure.require_carrying()
     if orientation:
         require_turning(field.model.machine, capability)
     allowed = tolerance if points is None else 0.0
@@ -155,7 +157,7 @@ def _grids(
 ) -> MadeTables:
     """A grid over X, Y, Z, and one over the rotary axes where there are some, at most three."""
     made: list[Table] = []
-    for axes in (tuple("XYZ"), field.model.machine.structure.rotary[:3]):
+    for axes in (field.model.machine.structure.carrying, field.model.machine.structure.rotary[:3]):
         if axes:
             nodes = {a: _grid_nodes(volume, holds, a, count) for a in axes}
             made += spatial_grid(field.model, field.state, nodes)

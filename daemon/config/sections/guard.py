@@ -11,11 +11,17 @@ from abbe.daemon.config.sections.section import Length, Rate, Seconds, Section, 
 
 
 class PerDirection(Section):
-    """A number for each direction, mm."""
+    """A number for each direction that the machine has an axis for, mm."""
 
-    X: Length
-    Y: Length
-    Z: Length
+    X: Length | None = None
+    Y: Length | None = None
+    Z: Length | None = None
+
+    @property
+    def stated(self) -> dict[str, float]:
+        """Direction → number, mm."""
+        every = {"X": self.X, "Y": self.Y, "Z": self.Z}
+        return {direction: v for direction, v in every.items() if v is not None}
 
 
 def _alike(value: object) -> object:
@@ -26,7 +32,7 @@ class GuardSection(Section):
     """What the guard allows; `abbe.daemon.guard`."""
 
     max_correction: Annotated[PerDirection, BeforeValidator(_alike)]
-    """Largest correction, mm: one number, or one for each of X, Y, Z."""
+    """Largest correction, mm: one number, or one for each of X, Y, Z that the machine has."""
     max_norm: Length | None = None
     """Largest length of the correction vector, mm; default what `max_correction` allows."""
     max_rate: Rate
@@ -49,8 +55,10 @@ class GuardSection(Section):
 
     @property
     def vector(self) -> tuple[float, float, float]:
-        """Largest correction in X, Y, Z, mm."""
-        return self.max_correction.X, self.max_correction.Y, self.max_correction.Z
+        """Largest correction in X, Y, Z, mm; where it is not stated, none is ever made."""
+        stated = self.max_correction.stated
+        x, y, z = (stated.get(d, max(stated.values(), default=0.0)) for d in "XYZ")
+        return x, y, z
 
     def turn(self, axis: str) -> float | None:
         """Largest correction of a rotary axis, degrees; None where it is not stated."""
@@ -59,4 +67,5 @@ class GuardSection(Section):
     @property
     def norm(self) -> float:
         """Largest length of the correction vector, mm."""
-        return math.hypot(*self.vector) if self.max_norm is None else self.max_norm
+        stated = self.max_correction.stated.values()
+        return math.hypot(*stated) if self.max_norm is None else self.max_norm

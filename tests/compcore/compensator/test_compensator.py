@@ -441,14 +441,6 @@ def test_a_tolerance_must_be_above_zero() -> None:
         Compensator(model(), tolerance_mm=0.0)
 
 
-def test_a_machine_without_an_axis_to_correct_is_refused() -> None:
-    lathe = Machine(
-        "lathe", Structure.parse("w b Z X t"), {a: Axis(a, TRAVELS[a]) for a in ("Z", "X")}
-    )
-    with pytest.raises(InputError, match="no axis Y"):
-        Compensator(Model(lathe))
-
-
 @pytest.mark.parametrize("code", ["w b Y X Z t", "w C' Y' b X Z t"])
 def test_a_command_reaches_its_target(code: str) -> None:
     of = machine(code)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.optimize import root
 
-from abbe.compcore.errors import InputError, NotContractionError
+from abbe.compcore.errors import NotContractionError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.pose import MOST_TURN, POLE, command_of
 from tests.support.compcore.five_axis import (
@@ -165,9 +165,3 @@ def test_a_field_that_changes_too_fast_is_refused():
     errors["Y"][1] = 3.0 * np.where(np.arange(7) % 2, -100.0, 100.0)
     with pytest.raises(NotContractionError, match="too fast"):
         command_of(model_of(machine, errors), Conditions.at(somewhere(machine, 3)))
-
-
-def test_a_machine_without_z_has_no_command():
-    machine = machine_of("w X' b Y B t")
-    with pytest.raises(InputError, match="no axis Z"):
-        command_of(model_of(machine, errors_of(machine)), Conditions.at(somewhere(machine, 1)))
