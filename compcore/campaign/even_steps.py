@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.targets import targets
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.structure import is_rotary
 
@@ -17,6 +18,7 @@ _STILL = 0.01
 """Part of its travel by which an axis may move in a set-up in which it stands."""
 _EVEN = 0.02
 """Part of the step by which positions may lie beside the lattice."""
+_NEAR = 0.25
 _FEWEST = 5
 
 
@@ -36,12 +38,26 @@ def even_steps(conditions: Conditions) -> dict[str, float]:
 
 
 def places(conditions: Conditions) -> dict[str, int]:
-    """Axis → at how many places it was read."""
-    return {
-        axis: 1 + int((np.diff(np.sort(at)) > (_SAME_ANGLE if is_rotary(axis) else _SAME)).sum())
-        for axis, at in conditions.positions.items()
-        if len(at)
-    }
+    """Axis → at how many places it was read; targets that were met again and again count once."""
+    found = {}
+    for axis, at in conditions.positions.items():
+        if not len(at):
+            continue
+        rotary = is_rotary(axis)
+        aimed = targets(conditions, axis, rotary=rotary)
+        if len(aimed) > 1 and _all_near(at, aimed):
+            found[axis] = len(aimed)
+            continue
+        same = _SAME_ANGLE if rotary else _SAME
+        found[axis] = 1 + int((np.diff(np.sort(at)) > same).sum())
+    return found
+
+
+def _all_near(at: F64, aimed: F64) -> bool:
+    """Whether every position is nearer to its target than a quarter of the least step."""
+    middles = 0.5 * (aimed[1:] + aimed[:-1])
+    away = np.abs(at - aimed[np.searchsorted(middles, at)])
+    return bool(away.max() < _NEAR * float(np.diff(aimed).min()))
 
 
 def _moves(conditions: Conditions, at: F64, same: float) -> NDArray[np.bool_]:

@@ -15,6 +15,10 @@ _APART = 10.0
 _REPEATS = 1e-2
 """What a machine that returns to a target does not repeat, at most, mm; of rad ten times finer."""
 
+_BESIDE = 0.1
+"""Part of the greatest step by which a target may lie elsewhere on the way back."""
+
+_FEWEST_PAIRS = 4
 _VISITS = 2
 """Readings of each target, on average, from which on they are targets and no sweep."""
 
@@ -50,8 +54,28 @@ def targets(conditions: Conditions, axis: str, *, rotary: bool) -> F64:
         # where gaps are alike there may be more
         enough = len(ordered) >= _VISITS * len(first)
         if enough and within <= min(alike, least / _APART):
-            return np.array([float(np.mean(part)) for part in np.split(ordered, cuts)])
+            found = np.array([float(np.mean(part)) for part in np.split(ordered, cuts)])
+            return _from_both_sides(found, conditions, axis)
     return ordered[:0]
+
+
+def _from_both_sides(found: F64, conditions: Conditions, axis: str) -> F64:
+    """Targets; those of which one is met on the way there only, the other on the way back, are one.
+
+    A run back often begins a little beyond the last target and stops as much beside all others:
+    what lies between such two is play, and no slope of the error.
+    """
+    if len(found) < _FEWEST_PAIRS:
+        return found
+    gaps = np.diff(found)
+    near = gaps < _BESIDE * gaps.max()
+    at, way = conditions.position(axis), np.sign(conditions.direction(axis))
+    nearest = np.abs(at[:, None] - found).argmin(axis=1)
+    ways = [frozenset(way[nearest == k].tolist()) for k in range(len(found))]
+    for k in np.flatnonzero(near):
+        if (k and near[k - 1]) or {*ways[k], *ways[k + 1]} != {1.0, -1.0} or ways[k] & ways[k + 1]:
+            return found
+    return np.array([float(np.mean(part)) for part in np.split(found, np.flatnonzero(~near) + 1)])
 
 
 def _one_component(conditions: Conditions) -> NDArray[np.bool_]:

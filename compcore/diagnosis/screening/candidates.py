@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import islice, product
@@ -13,16 +12,13 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.coverage import Coverage
-from abbe.compcore.campaign.targets import targets
+from abbe.compcore.diagnosis.screening.detail import finer, no_finer_than_seen
 from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
-from abbe.compcore.effects.catalogue.shaped import ShapedEffect
 from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.machine import WHOLE_TURN, Machine
+from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import identity
 
@@ -105,7 +101,7 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
     for cls in effect_kinds().values():
         if cls.kind in OF_A_LASER and not lasers:
             continue
-        for usual in cls.candidates(machine, coverage):
+        for usual in _in_seen_detail(cls.candidates(machine, coverage), campaign, machine):
             effect = _not_yet(usual, present)
             if effect is None or (spec := effect.spec) in seen:
                 continue
@@ -124,6 +120,19 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
             found.append(Candidate(effect, cost, choices, everywhere, expected))
     found += list(_refinements(model, campaign))
     return found
+
+
+def _in_seen_detail(
+    proposed: Iterable[Effect], campaign: Campaign, machine: Machine
+) -> Iterator[Effect]:
+    """Effects as they are proposed; curves over few targets smoother, and as tables (ISO 230-2)."""
+    for usual in proposed:
+        effect = no_finer_than_seen(usual, campaign.conditions, machine)
+        yield effect
+        if effect is not usual:
+            for detail in finer(effect, campaign.conditions, machine):
+                if detail.get("shape") == "table":
+                    yield effect.model_copy(update=detail)
 
 
 def _not_yet(effect: Effect, present: set[Cause]) -> Effect | None:
@@ -170,53 +179,6 @@ def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
         for detail in details if few else islice(details, 1):
             refined = effect.model_copy(update=detail)
             yield Candidate(refined, cost_of(refined, machine, 1))
-
-
-def finer(effect: Effect, conditions: Conditions, machine: Machine) -> Iterator[dict[str, object]]:
-    """Where-keys with twice the detail, and twice that again, as far as positions show it.
-
-    Where targets were approached again and again, a smooth curve has fewer coefficients than there
-    are targets: what it does between them nobody measured. What goes through all of them is a table
-    (ISO 230-2), straight lines between, which comes last.
-
-    Of a rotary axis that was not turned around waves of a turn imitate one another with huge
-    amplitudes: there a spline of as many coefficients.
-
-    Parameters
-    ----------
-    effect
-        An effect of one axis.
-    conditions
-        The rows.
-    machine
-        Its machine.
-    """
-    if not isinstance(effect, ShapedEffect | RotaryMotion):
-        return
-    rotary = machine.axis(effect.axis).rotary
-    at = conditions.position(effect.axis)
-    places = targets(conditions, effect.axis, rotary=rotary)
-    distinct = len(places) - 1 if len(places) > 1 else len(np.unique(at))
-    match = re.fullmatch(r"(spline|polynomial):(\d+)|constant", effect.shape or "")
-    if match is not None and match[1]:
-        order, most = int(match[2]), min(distinct, 20 if match[1] == "polynomial" else 200)
-        while order < most:
-            order = min(2 * order, most)
-            yield {"shape": f"{match[1]}:{order}"}
-    elif isinstance(effect, RotaryMotion) and effect.shape is None:
-        waves, most = effect.waves, min((distinct - 1) // 2, 32)
-        while waves < most:
-            waves = min(2 * waves, most)
-            if float(np.ptp(at)) >= WHOLE_TURN:
-                yield {"harmonics": waves}
-            else:
-                yield {"harmonics": None, "shape": f"spline:{2 * waves}"}
-    elif match is None:
-        return
-    if len(effect.linear(machine)) < len(places) > 1:
-        table: dict[str, object] = {} if match else {"harmonics": None}
-        shown = np.rad2deg(places) if rotary else places
-        yield table | {"shape": "table", "positions": tuple(float(f"{p:.4f}") for p in shown)}
 
 
 def _choices(effect: Effect, machine: Machine, coverage: Coverage) -> Iterator[Mapping[str, float]]:

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from abbe.compcore.diagnosis.explain import formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
-from abbe.compcore.diagnosis.screening.candidates import finer
+from abbe.compcore.diagnosis.screening.detail import finer, no_finer_than_seen
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS, LeftOut
 from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
 from abbe.compcore.distributions import log_f_beyond
@@ -56,7 +56,10 @@ def descriptions(diagnosis: Findings) -> Iterator[tuple[Effect, ...]]:
     if len(campaign.setups) < FOLDS:
         for axis in axes:
             rotary = model.machine.axis(axis).rotary
-            own: list[Own] = [(RotaryPositioning if rotary else Positioning)(axis=axis)]
+            own: list[Own] = [RotaryPositioning(axis=axis)]
+            if not rotary:
+                usual = Positioning(axis=axis)
+                own = [no_finer_than_seen(usual, campaign.conditions, model.machine)]
             if axis in coverage.reversing:
                 own.append(Backlash(axis=axis))
             for plain in own:

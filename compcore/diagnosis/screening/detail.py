@@ -1,0 +1,118 @@
+"""How much detail of a curve a campaign can show: by the places at which an axis was read."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from typing import TypeVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.campaign.targets import targets
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
+from abbe.compcore.effects.catalogue.shaped import ShapedEffect
+from abbe.compcore.effects.shapes import CUBIC, Shape
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.machine import WHOLE_TURN, Axis, Machine
+
+F64 = NDArray[np.float64]
+E = TypeVar("E", bound=Effect)
+
+_FINEST = 200
+_HIGHEST = 20
+"""Most coefficients of a spline, highest degree of a polynomial, that are tried."""
+_ALIKE = 0.1
+"""Places nearer to each other than this part of a curve's own detail show it one place."""
+_ACTS = 1e-9
+
+
+def no_finer_than_seen(effect: E, conditions: Conditions, machine: Machine) -> E:
+    """An effect whose spline has fewer coefficients than the campaign shows it places.
+
+    Five targets (ISO 230-2) do not determine eight coefficients: between the targets such a curve
+    swings by many times what was read at any of them.
+    """
+    if not isinstance(effect, ShapedEffect):
+        return effect
+    match = re.fullmatch(r"spline:(\d+)", effect.shape)
+    if match is None or effect.axis not in conditions.positions:
+        return effect
+    axis, at = machine.axis(effect.axis), np.unique(conditions.position(effect.axis))
+    if len(at) < 2:
+        return effect
+    count = int(match[1])
+    while count > 2 and not _shown(count, at, axis):
+        count -= 1
+    if count == int(match[1]):
+        return effect
+    return (
+        effect.model_copy(update={"shape": f"spline:{count}"}) if count < int(match[1]) else effect
+    )
+
+
+def _shown(count: int, at: F64, axis: Axis) -> bool:
+    """Whether a spline of so many coefficients has fewer that act than places show it."""
+    low, high = axis.travel
+    detail = (high - low) / max(1, count - min(CUBIC, count - 1))
+    places, last = 0, -np.inf
+    for place in at:
+        if place - last > _ALIKE * detail:
+            places, last = places + 1, float(place)
+            if places > count:
+                return True
+    acting = np.abs(Shape("spline", count).basis(at, axis)).max(axis=0) > _ACTS
+    return int(acting.sum()) < places
+
+
+def finer(effect: Effect, conditions: Conditions, machine: Machine) -> Iterator[dict[str, object]]:
+    """Where-keys with twice the detail, and twice that again, as far as positions show it.
+
+    Where targets were approached again and again, a smooth curve has fewer coefficients than there
+    are targets: what it does between them nobody measured. What goes through all of them is a table
+    (ISO 230-2), straight lines between, which comes last.
+
+    Of a rotary axis that was not turned around waves of a turn imitate one another with huge
+    amplitudes: there a spline of as many coefficients.
+
+    Parameters
+    ----------
+    effect
+        An effect of one axis.
+    conditions
+        The rows.
+    machine
+        Its machine.
+    """
+    if not isinstance(effect, ShapedEffect | RotaryMotion):
+        return
+    axis = machine.axis(effect.axis)
+    at = conditions.position(effect.axis)
+    places = targets(conditions, effect.axis, rotary=axis.rotary)
+    distinct = len(places) - 1 if len(places) > 1 else len(np.unique(at))
+    match = re.fullmatch(r"(spline|polynomial):(\d+)|constant", effect.shape or "")
+    if match is not None and match[1]:
+        spline, order = match[1] == "spline", int(match[2])
+        most = min(distinct, _FINEST if spline else _HIGHEST)
+        while order < most:
+            before, order = order, min(2 * order, most)
+            while spline and order > before and not _shown(order, np.unique(at), axis):
+                order -= 1
+            if order == before:
+                break
+            yield {"shape": f"{match[1]}:{order}"}
+    elif isinstance(effect, RotaryMotion) and effect.shape is None:
+        waves, most = effect.waves, min((distinct - 1) // 2, 32)
+        while waves < most:
+            waves = min(2 * waves, most)
+            if float(np.ptp(at)) >= WHOLE_TURN:
+                yield {"harmonics": waves}
+            else:
+                yield {"harmonics": None, "shape": f"spline:{2 * waves}"}
+    elif match is None:
+        return
+    if len(effect.linear(machine)) < len(places) > 1:
+        table: dict[str, object] = {} if match else {"harmonics": None}
+        shown = np.rad2deg(places) if axis.rotary else places
+        yield table | {"shape": "table", "positions": tuple(float(f"{p:.4f}") for p in shown)}
