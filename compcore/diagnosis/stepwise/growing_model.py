@@ -23,6 +23,9 @@ from abbe.compcore.model.revise import with_effect, without_effect
 
 Progress = Callable[[str], None]
 
+NO_WORSE = 1.0 + 1e-9
+"""Part of the left-out χ² up to which nothing is lost; what others can say rounds to a little more
+than 1 or a little less, as the processor has it."""
 FALLS = 0.998
 """Part of the left-out χ² below which an addition's or a lag's has fallen."""
 
@@ -203,7 +206,7 @@ class GrowingModel:
         for effect in [e for e in self.added if e not in self.described]:
             self.progress(f"without {effect.kind}")
             less, _ = without_effect(self.last.result.model, effect.spec)
-            if self._try("removed", effect, less, 1.0):
+            if self._try("removed", effect, less, NO_WORSE):
                 self.added.remove(effect)
         return len(self.added) < before
 
