@@ -12,6 +12,7 @@ from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.fitting.design.begun import begun
 from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.detail import finer, no_finer_than_seen
 from abbe.compcore.fitting.knots.choice import KnotChoice
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.fitting.solution import Solution
@@ -82,6 +83,23 @@ def start_lines(problem: Problem, theta: NDArray[np.float64]) -> Iterator[str]:
         yield line
 
 
+def too_fine_lines(problem: Problem) -> Iterator[str]:
+    """Curves with more coefficients than the campaign shows them places, and what to take."""
+    machine, conditions = problem.model.machine, problem.campaign.conditions
+    for effect in problem.model.effects:
+        smoother = no_finer_than_seen(effect, conditions, machine)
+        if smoother is effect:
+            continue
+        tables = [d for d in finer(smoother, conditions, machine) if d.get("shape") == "table"]
+        taken = smoother.model_copy(update=tables[0]) if tables else smoother
+        yield said(
+            "TOO FINE: {spec}: {axis} was read at too few places for {count} coefficients; between "
+            "them it says what nobody measured. Better, with abbe add: {better}",
+            spec=effect.spec, axis=str(getattr(effect, "axis", "")),
+            count=len(effect.linear(machine)), better=taken.spec,
+        )  # fmt: skip
+
+
 def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     """Lines of text about a fit, without its parameters."""
     problem = result.problem
@@ -121,6 +139,7 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
         )  # fmt: skip
     yield from noise.words()
     yield from undetermined_lines(result.undetermined)
+    yield from too_fine_lines(problem)
     for test in rigid_body_test(result):
         if test.adjusted < FLEXES:
             by = test.by

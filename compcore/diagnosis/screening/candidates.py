@@ -12,12 +12,12 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.coverage import Coverage
-from abbe.compcore.diagnosis.screening.detail import finer, no_finer_than_seen
 from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.errors import InputError
+from abbe.compcore.fitting.detail import finer, no_finer_than_seen
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import identity

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from abbe.compcore.diagnosis.explain import formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
-from abbe.compcore.diagnosis.screening.detail import finer, no_finer_than_seen
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS, LeftOut
 from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
 from abbe.compcore.distributions import log_f_beyond
@@ -26,6 +25,7 @@ from abbe.compcore.effects.catalogue.linear.linear_axes import Positioning
 from abbe.compcore.effects.catalogue.linear.reversal import Backlash
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryPositioning
 from abbe.compcore.effects.shapes import CUBIC
+from abbe.compcore.fitting.detail import finer, no_finer_than_seen
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import identity

@@ -169,7 +169,8 @@ def import_points(
         notes.append(
             "the reflector's offset is found too: "
             + ", ".join(f"{v:g}" for v in tool)
-            + " mm; what is wrong with it shows as spindle_location"
+            + " mm; what is wrong with it shows as spindle_location. Other files of the same "
+            "reflector: --tool " + ",".join(f"{v:g}" for v in tool)
         )
     metadata = {"instrument": "tracker"} | ({} if date is None else {"date": date})
     held = replace(placing, tool=tool)
