@@ -54,6 +54,7 @@ class GrowingCampaign:
         self._columns = tuple(columns)
         self._file = os.open(path, os.O_RDWR | os.O_CLOEXEC)
         self._size = os.fstat(self._file).st_size
+        self._last = 0
 
     @property
     def begun_with(self) -> Mapping[str, Any]:
@@ -191,6 +192,19 @@ class GrowingCampaign:
             os.ftruncate(self._file, self._size)
             raise
         self._size += len(data)
+        self._last = len(data)
+
+    def withdraw(self) -> None:
+        """Take away what was appended last, once.
+
+        Raises
+        ------
+        OSError
+            When it could not be; the file is what it was.
+        """
+        os.ftruncate(self._file, self._size - self._last)
+        self._size, self._last = self._size - self._last, 0
+        os.fsync(self._file)
 
     def close(self) -> None:
         """Close the file; safe to call twice."""

@@ -74,6 +74,7 @@ class _PlanDocument(_PlanSection):
     structure: str
     warm_up: Annotated[float, Field(ge=0.0, le=1e4)] = 60.0
     beyond: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
+    nudge: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     tool_radius: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
     in_one_go: StrictBool = False
     tools: dict[_Name, _Vector]
@@ -149,7 +150,7 @@ def read_plan(path: str | Path, machine: Machine) -> PlannedWork:
                 expected="every number below that of high",
             )
     boxes = tuple(KeepOut(b.low, b.high) for b in found.keep_out)
-    space = WorkingSpace(boxes, found.tool_radius, found.beyond)
+    space = WorkingSpace(boxes, found.tool_radius, found.beyond, found.nudge)
     setups, names = [], set()
     for i, section in enumerate(found.setups):
         if section.name in names:
@@ -276,6 +277,8 @@ def _lines(plan: SurveyPlan, model: str, *, in_one_go: bool) -> Iterator[str]:
     yield f"structure = {_text(str(task.machine.structure))}"
     yield f"warm_up = {plan.warm_up / 60.0:g}          # min, as in use, before the first reading"
     yield f"beyond = {task.space.beyond:g}            # mm that axes go beyond, to come back"
+    if task.space.nudge:
+        yield f"nudge = {task.space.nudge:g}          # mm aside of a line, which has to show"
     yield f"tool_radius = {task.space.radius:g}       # mm, the tool with its holder"
     if in_one_go:
         yield "in_one_go = true      # a line that was interrupted is measured anew"

@@ -44,11 +44,15 @@ class WorkingSpace:
     beyond
         How far axes go beyond a target to come back to it from the other side, mm; rotary axes the
         same number of degrees / 10.
+    nudge
+        How far axes across a line move before its first target and come back, mm, so that its
+        instrument is seen to follow; 0: not.
     """
 
     keep_out: tuple[KeepOut, ...] = ()
     radius: float = 0.0
     beyond: float = 2.0
+    nudge: float = 0.0
 
     def hindrance(self, machine: Machine, setup: PlannedSetup) -> str | None:
         """Why a set-up cannot be done, or None: targets outside the travels, ways through a box."""

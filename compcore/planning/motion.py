@@ -19,6 +19,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine, nominal_direction
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.envelope import WorkingSpace
+from abbe.compcore.planning.nudge import nudge_of
 from abbe.compcore.planning.planned_setup import PlannedSetup
 
 F64 = NDArray[np.float64]
@@ -148,14 +149,31 @@ class _Way:
                     beyond = {a: target[a] - sense[a] * self._more(a) for a in late}
                     yield self._move(setup, beyond, TURN)
             yield self._move(setup, target)
-            self._number += 1
             seconds = setup.instrument.reading if self._stands is None else self._stands
+            if i == 0:
+                yield from self._nudged(setup, target, seconds)
+            self._number += 1
             yield ProgramStep(
                 "target", at=target, number=self._number, seconds=seconds, setup=setup.name,
                 directions={a: int(s) for a, s in sense.items()},
             )  # fmt: skip
             before = sense
         yield self._move(setup, {back: height})
+
+    def _nudged(
+        self, setup: PlannedSetup, target: Mapping[str, float], seconds: float
+    ) -> Iterator[ProgramStep]:
+        """The small way across the line and back, both ends met from one side: without play."""
+        aside = nudge_of(self._machine, setup, self._space.nudge)
+        if not aside:
+            return
+        words = ", ".join(f"{a} {by:+.3f} mm" for a, by in aside.items())
+        yield ProgramStep("note", f"{words} and back: {setup.instrument.title} has to show it")
+        before = {a: target[a] - by for a, by in aside.items()}
+        yield self._move(setup, before, TURN)
+        yield self._move(setup, {a: target[a] + by for a, by in aside.items()}, seconds)
+        yield self._move(setup, before, TURN)
+        yield self._move(setup, {a: target[a] for a in aside})
 
     def _across(
         self, setup: PlannedSetup, to: Mapping[str, float], back: str

@@ -132,6 +132,11 @@ class SetupVisits:
         self.expected = visit + 1
         return left_out
 
+    def give_back(self, visit: int) -> None:
+        """Note that a visit that was done is not, and is the one that comes next."""
+        self._taken[visit] = False
+        self.expected = visit
+
     def reopen(self) -> None:
         """Begin anew: no visit is done."""
         self._taken[:] = False

@@ -70,7 +70,7 @@ class CalibrationRequest:
     at: tuple[str, ...] = ("reference",)
     tolerances: tuple[str, ...] | None = None
     mpe: str = ""
-    language: str = "en"
+    language: str | None = None
 
     @property
     def config(self) -> Path:
@@ -97,7 +97,7 @@ class CalibrationRequest:
         return {"controller": self.controller, "feed": f"{feed:g}", "stands": stands}
 
     def stated(self, recorded: Mapping[str, str] | None) -> dict[str, str]:
-        """What the check has to keep: tolerances, and the limit of lengths.
+        """What the check has to keep: tolerances, and the limit of lengths; and its language.
 
         Parameters
         ----------
@@ -107,6 +107,9 @@ class CalibrationRequest:
         if self.tolerances is None:
             return dict(recorded or {})
         both = {"tolerance": " ".join(self.tolerances), "mpe": self.mpe}
+        # one that is not typed is that of the page which is there
+        language = self.language or (recorded or {}).get("language", "en")
+        both["language"] = "" if language == "en" else language
         return {key: value for key, value in both.items() if value}
 
     @property

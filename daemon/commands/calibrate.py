@@ -51,7 +51,7 @@ def calibrate(
     mpe: Annotated[
         str, typer.Option(help="Limit of lengths, likewise.", metavar="A+L/K")
     ] = "",
-    language: PageIn = "en",
+    language: PageIn | None = None,
     upto: Annotated[
         str, typer.Option(help="Stop after this step; the same command goes on.", metavar="STEP")
     ] = "",
@@ -74,7 +74,8 @@ def calibrate(
     from abbe.daemon.measure.person import somebody_there
     from abbe.daemon.report.language import language as known_language
 
-    known_language(language)
+    if language is not None:
+        known_language(language)
     if not yes and not somebody_there():
         raise AbbeError("nobody can be asked (no terminal): say --yes")
     configuration = load_config(config)

@@ -21,8 +21,8 @@ class MeasureEvent:
     ----------
     kind
         ``began``, ``resumed``, ``set up``, ``row``, ``next``, ``repeated``, ``missed``,
-        ``unsteady``, ``lost``, ``back``, ``new zero``, ``doubt``, ``disk``, ``paused``, ``done``,
-        ``note``, ``ended``.
+        ``unsteady``, ``lost``, ``back``, ``new zero``, ``doubt``, ``withdrawn``, ``disk``,
+        ``paused``, ``done``, ``note``, ``ended``.
     text
         For people, one line.
     about

@@ -74,6 +74,18 @@ class KeptRows:
         self._waiting.append(_UnwrittenRows(rows, setup, free, perhaps_lost, written))
         self.flush(now)
 
+    def withdraw(self) -> bool:
+        """Take the rows of the target that was added last away; whether they are gone."""
+        if self._waiting:
+            self._waiting.pop()
+            return True
+        try:
+            self._file.withdraw()
+        except OSError as error:
+            self.problem = error.strerror or str(error)
+            return False
+        return True
+
     def flush(self, now: float, *, at_once: bool = False) -> None:
         """Bring to the disk what waits, not sooner than a moment after it was tried in vain."""
         if not self._waiting or (self.problem and now < self._due and not at_once):

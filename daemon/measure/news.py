@@ -9,7 +9,9 @@ from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.units import in_digits
 from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import MeasureEvent, Tell, minutes, target_words, unit_of_kind
-from abbe.daemon.measure.following.target_watch import TargetUnsteady
+from abbe.daemon.measure.following.doubtful import size_words
+from abbe.daemon.measure.following.instrument import Instrument
+from abbe.daemon.measure.following.target_watch import TargetChanged, TargetUnsteady
 from abbe.daemon.measure.machine_view import SeenMachine
 from abbe.daemon.measure.rows import part_name
 
@@ -125,6 +127,20 @@ class MeasureNews:
             what = {"spread": "readings scatter by", "drift": "readings drift by"}[outcome.why]
             text = f"not steady at {where}: {what} {worst:.2f} {unit}; measured again"
         self.event("unsteady", text, visit=outcome.visit + 1)
+
+    def changed(self, outcome: TargetChanged, instrument: Instrument, *, withdrawn: bool) -> None:
+        """Tell that a reading has changed after it was taken, and what comes of that."""
+        where = target_words(self._course.here, outcome.visit)
+        size = size_words(outcome.by, angle=instrument.angle)
+        gone = "; what was kept of this target is withdrawn" if withdrawn else ""
+        self.event(
+            "withdrawn" if withdrawn else "unsteady",
+            f"{instrument.name} still changed, by {size}, {outcome.after:.1f} s after the machine "
+            f"stood at {where}: it is slow, or late{gone}. Read again, and from now on only after "
+            f"{outcome.after:.1f} s: settle under [measure] has to be as long, and the program has "
+            "to stand longer than that",
+            visit=outcome.visit + 1,
+        )
 
     def fault(self, seen: SeenMachine) -> None:
         """Tell that positions are missing, and that they are back."""

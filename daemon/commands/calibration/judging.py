@@ -89,7 +89,8 @@ def judge_check(
 
     done = judge(
         named, known, files, stated.get("tolerance", "").split(), stated.get("mpe") or None, page,
-        notes=(left_out,) if left_out else (), doubt=doubt, language=request.language,
+        notes=(left_out,) if left_out else (), doubt=doubt,
+        language=request.language or stated.get("language", "en"),
     )  # fmt: skip
     for line in answer.as_text(done):
         say(line)

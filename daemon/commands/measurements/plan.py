@@ -113,6 +113,7 @@ def plan(
     from abbe.compcore.files.plan_file import write_plan
     from abbe.compcore.files.plate_file import read_plate
     from abbe.compcore.planning.envelope import WorkingSpace
+    from abbe.compcore.planning.nudge import NUDGE
     from abbe.compcore.planning.targets import SurveyTask
     from abbe.daemon.answers.measurements import survey as answer
     from abbe.daemon.arguments.plan_arguments import (
@@ -123,8 +124,11 @@ def plan(
     )
 
     grown, places = with_effects(_determined(loaded), apart or [])
+    # an instrument that writes a file would take the nudge for a target
+    nudge = 0.0 if along_axes else NUDGE
+    space = WorkingSpace(keep_out_of(keep_out or []), tool_radius, nudge=nudge)
     task = SurveyTask(
-        grown, WorkingSpace(keep_out_of(keep_out or []), tool_radius), tools_of(tool or []),
+        grown, space, tools_of(tool or []),
         waves, held, None if plate is None else read_plate(plate),
         None if gauge is None else read_gauge(gauge), along_axes,
     )  # fmt: skip

@@ -149,12 +149,24 @@ class RepeatedTargets:
         self._seen: dict[tuple[int, int], _Visit] = {}
         self._times: list[float] = []
         self._last: _Repetition | None = None
+        self._undo: tuple[tuple[int, int], _Visit | None, _Repetition | None] | None = None
 
     def forget(self) -> None:
         """Begin anew, with another zero."""
         self._seen.clear()
         self._times.clear()
-        self._last = None
+        self._last = self._undo = None
+
+    def withdraw(self) -> None:
+        """Take the visit that was added last away, once."""
+        if self._undo is None:
+            return
+        at, seen, self._last = self._undo
+        self._undo = None
+        del self._seen[at]
+        if seen is not None:
+            self._seen[at] = seen
+        self._times.pop()
 
     def change(self, target: int, sense: int, values: Sequence[float]) -> float:
         """By how much more, or less, a visit differs from an earlier one than the last visit did.
@@ -181,6 +193,7 @@ class RepeatedTargets:
 
     def add(self, target: int, sense: int, values: Sequence[float], time: float) -> None:
         """Take a visit in; `time` is that of its rows, s."""
+        self._undo = (target, sense), self._seen.get((target, sense)), self._last
         self._last = self._repetition(target, sense, values)
         self._seen[target, sense] = _Visit(tuple(values), time)
         self._times.append(time)

@@ -10,10 +10,12 @@ from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import Tell, setup_words, target_words
 from abbe.daemon.measure.following.approach import Approach
 from abbe.daemon.measure.following.instrument import Instrument
+from abbe.daemon.measure.following.nudge import NudgeCheck
 from abbe.daemon.measure.following.taking import TargetTaking
 from abbe.daemon.measure.following.target_watch import (
     Outcome,
     StandsElsewhere,
+    TargetChanged,
     TargetLeft,
     TargetRead,
     TargetUnsteady,
@@ -66,11 +68,12 @@ class Measurement:
         held = self._limits.signals_held
         self._news = MeasureNews(course, tell, task.file.path, task.expected, held)
         self._zero = InstrumentZero(course, self._news)
+        self._nudge = NudgeCheck(configuration.model.machine, task.space.nudge)
         # rows are there whose zero nobody knows any more
         self._zero.renew = course.here.begun and self._instrument.section.loses_zero
         clock = time.time() - time.monotonic() - task.started.timestamp()
         self._taking = TargetTaking(
-            course, self._view, self._zero, self._rows, self._news, clock,
+            course, self._view, self._zero, self._nudge, self._rows, self._news, clock,
             anew=self._zero.renew and course.begin_anew(),
         )  # fmt: skip
         self._interruptions = 0
@@ -79,6 +82,7 @@ class Measurement:
         self._runs = RunsBeside(configuration)
         self._paused_by = ""
         self._over = False
+        self._reached = 0
 
     @property
     def _instrument(self) -> Instrument:
@@ -119,7 +123,8 @@ class Measurement:
         if self._over or self.course.next_setup() is None:
             return True
         last = self.course.current == len(self.course.setups) - 1
-        return self._task.once and last and self.course.here.expected >= self.course.here.count
+        reached = max(self.course.here.expected, self._reached)
+        return self._task.once and last and reached >= self.course.here.count
 
     # one look
 
@@ -229,7 +234,8 @@ class Measurement:
             return
         self.course.current = following
         self._zero.forget()
-        self._taking.anew = False
+        self._taking.forget()
+        self._reached = 0
         self._ask_for_setup()
 
     def _look_for_next_setup(self, seen: SeenMachine) -> None:
@@ -250,6 +256,7 @@ class Measurement:
     def _judge(self, outcome: Outcome, seen: SeenMachine) -> None:
         visits = self.course.here
         if isinstance(outcome, TargetRead):
+            self._reached = max(self._reached, outcome.visit + 1)
             if self._taking.take(outcome, seen, self._instrument):
                 self._news.disk(self._rows.problem)
                 if visits.left:
@@ -261,8 +268,11 @@ class Measurement:
             self._news.unsteady(outcome)
             if outcome.reading is not None:
                 self._taking.look(outcome.visit, outcome.reading, self._instrument)
+        elif isinstance(outcome, TargetChanged):
+            withdrawn = self._taking.withdraw(outcome.visit)
+            self._news.changed(outcome, self._instrument, withdrawn=withdrawn)
         elif isinstance(outcome, TargetLeft):
-            if not visits.taken(outcome.visit):
+            if not visits.taken(outcome.visit) and not self._taking.nudging(outcome.visit):
                 words = target_words(visits, outcome.visit)
                 self._news.event("missed", f"left before it was read ({outcome.why}): {words}",
                             visit=outcome.visit + 1)  # fmt: skip

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import place_words, target_words
 from abbe.daemon.measure.following.average import SteadyReading
 from abbe.daemon.measure.following.instrument import Instrument, nominal_distance
+from abbe.daemon.measure.following.nudge import NudgeCheck
 from abbe.daemon.measure.following.target_watch import TargetRead
 from abbe.daemon.measure.following.zero import InstrumentZero
 from abbe.daemon.measure.kept_rows import KeptRows
@@ -28,6 +30,8 @@ class TargetTaking:
         The machine's axes and signals.
     zero
         From which the instrument counts.
+    nudge
+        What the instrument shows of a small known move.
     rows
         Where rows go.
     news
@@ -48,6 +52,7 @@ class TargetTaking:
         course: MeasureCourse,
         view: MachineView,
         zero: InstrumentZero,
+        nudge: NudgeCheck,
         rows: KeptRows,
         news: MeasureNews,
         clock: float,
@@ -57,10 +62,22 @@ class TargetTaking:
         self._course = course
         self._view = view
         self._zero = zero
+        self._nudge = nudge
         self._rows = rows
         self._news = news
         self._clock = clock
         self.anew = anew
+        self._last: int | None = None
+
+    def forget(self) -> None:
+        """Turn to another set-up."""
+        self.anew, self._last = False, None
+        self._nudge.forget()
+
+    def nudging(self, visit: int) -> bool:
+        """Whether a stand at a visit may be one of the nudge before the first target."""
+        here = self._course.here
+        return int(here.order[visit]) == 0 and bool(self._nudge.wanted(self._course.setup))
 
     def look(self, visit: int, reading: SteadyReading, instrument: Instrument) -> None:
         """Take in readings that do not count: they may tell what is wrong."""
@@ -81,10 +98,13 @@ class TargetTaking:
             self._news.event("missed", words)
             return False
         target = int(course.here.order[visit])
+        found = self._nudged(instrument, place, read.reading.values, visit)
+        if not found:
+            return False
         nominal = instrument.nominal(setup, place)
         time = self._clock + seen.time
         part = course.parts[course.current]
-        values = self._zero.less(instrument, read.reading.values, nominal, visit, round(time, 3))
+        values = self._zero.less(instrument, found, nominal, visit, round(time, 3))
         if values is None:
             return False
         if course.parts[course.current] > max(part, 1):
@@ -102,6 +122,7 @@ class TargetTaking:
         if setup.kind == Kind.DISTANCE:
             values = [v + nominal_distance(setup, place) for v in values]
         repeated = course.here.taken(visit)
+        self._last = None if repeated else visit
         for i in course.here.take(visit):
             self._news.event("missed", f"left out: {target_words(course.here, i)}", visit=i + 1)
         part = course.parts[course.current]
@@ -120,6 +141,52 @@ class TargetTaking:
         name = part_name(setup.name, part)
         self._rows.add(rows, name, setup.free, on_disk, seen.time, perhaps_lost=lost)
         return True
+
+    def withdraw(self, visit: int) -> bool:
+        """Take back what was kept last where it was of this visit; whether it was."""
+        if self._last != visit or not self._rows.withdraw():
+            return False
+        self._last = None
+        self._course.here.give_back(visit)
+        self._zero.withdraw()
+        return True
+
+    def _nudged(
+        self,
+        instrument: Instrument,
+        place: Mapping[str, float],
+        values: tuple[float, ...],
+        visit: int,
+    ) -> tuple[float, ...]:
+        """What counts of a reading; nothing at the nudge, and while what it showed is in doubt."""
+        nudge, course = self._nudge, self._course
+        setup = course.setup
+        if instrument.section.reads != "error" or not nudge.wanted(setup):
+            return values
+        first = int(course.here.order[visit]) == 0
+        if first and nudge.turning(setup, place):
+            if nudge.take_end(setup, place, values):
+                words = f"{instrument.name} was read where the machine stood aside of the line"
+                self._news.event("note", f"{words}: back to the first target")
+            return ()
+        if first and (follows := nudge.judge(setup, instrument, place, values)):
+            self._news.event("note", follows)
+        doubt = ""
+        if nudge.problem:
+            doubt = nudge.problem if first else "was not seen to follow the machine yet"
+        elif not nudge.follows and not course.here.begun:
+            way = ", ".join(f"{a} {by:+.3f} mm" for a, by in nudge.wanted(setup).items())
+            doubt = (
+                "was not seen to follow the machine yet, with its sign, in its unit and in time: "
+                f"go {way} aside of the first target, stand there as long as at a target, and come "
+                "back to it, as the program does"
+            )
+        if doubt:
+            self._news.event("doubt", f"{instrument.name} {doubt}; this target is not kept")
+            return ()
+        # it shows where the machine stands across the line, and that is indicated
+        aside = nudge.aside(setup, place)
+        return tuple(v - a for v, a in zip(values, aside, strict=True))
 
     def _waits_for_first(self, visit: int) -> bool:
         """Whether a set-up that counts in one go only has another zero, not at its beginning."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.visits import SetupVisits
 from abbe.daemon.config.sections.measure import MeasureSection
+from abbe.daemon.measure.following.afterwards import Afterwards
 from abbe.daemon.measure.following.average import Averaging, SteadyReading, unsteady
 from abbe.daemon.measure.following.instrument import Instrument
 from abbe.daemon.measure.following.liveliness import InstrumentLiveliness
@@ -43,6 +44,18 @@ class TargetUnsteady:
 
 
 @dataclass(frozen=True, slots=True)
+class TargetChanged:
+    """What was read at a visit has changed since, by so much (mm, rad), so long after it stood (s).
+
+    It is read again.
+    """
+
+    visit: int
+    by: float
+    after: float
+
+
+@dataclass(frozen=True, slots=True)
 class TargetLeft:
     """The machine left a visit before it was read, and what had been in the way."""
 
@@ -55,7 +68,7 @@ class StandsElsewhere:
     """The machine stands where no target is."""
 
 
-Outcome = TargetRead | TargetUnsteady | TargetLeft | StandsElsewhere | None
+Outcome = TargetRead | TargetUnsteady | TargetChanged | TargetLeft | StandsElsewhere | None
 
 
 class TargetWatch:
@@ -82,6 +95,9 @@ class TargetWatch:
         self._came: dict[str, float] = {}
         self._averaging = Averaging(0.0, limits.average)
         self._lively = InstrumentLiveliness()
+        self._afterwards = Afterwards(limits)
+        self._settle = limits.settle
+        self._arrived = 0.0
 
     @property
     def at(self) -> int | None:
@@ -93,6 +109,8 @@ class TargetWatch:
         self._visit, self._done, self._why, self._elsewhere = None, False, "", False
         self._standstill.forget()
         self._lively = InstrumentLiveliness()
+        self._settle = self._limits.settle
+        self._afterwards.forget()
 
     def step(self, seen: SeenMachine, instrument: Instrument, visits: SetupVisits) -> Outcome:
         """Take a look in; what has come of it."""
@@ -101,7 +119,7 @@ class TargetWatch:
             if self._visit is None:
                 self._standstill.forget()
             elif not self._done:
-                self._begin(seen.time + self._limits.settle)
+                self._begin(seen.time + self._settle)
             return None
         positions = [seen.positions[axis] for axis in self._axes]
         stands = self._standstill.step(seen.time, positions)
@@ -118,20 +136,22 @@ class TargetWatch:
             # away and back from the other side between two looks
             self._visit, self._done, self._why = None, False, ""
         if self._done:
-            return None
+            return self._look_after(seen, instrument, visits)
         if self._visit is None:
             return self._arrive(seen, visits)
         return self._read(seen, instrument, visits)
 
     def _arrive(self, seen: SeenMachine, visits: SetupVisits) -> Outcome:
         self._visit = visits.at(seen.positions, seen.directions)
+        self._arrived = seen.time
+        self._afterwards.forget()
         if self._visit is not None:
             self._said.clear()
             self._came = dict(seen.directions)
             if unseen := sorted(seen.unseen & visits.told_by_direction):
                 self._done = True
                 return TargetLeft(self._visit, f"{', '.join(unseen)}: {_UNSEEN}")
-            self._begin(seen.time + self._limits.settle)
+            self._begin(seen.time + self._settle)
             return None
         if self._elsewhere or seen.time - self._standstill.since < _ELSEWHERE:
             return None
@@ -147,7 +167,7 @@ class TargetWatch:
         if not missing and self._lively.frozen:
             missing = f"{instrument.name} reads the very same again and again: does it measure?"
         if missing:
-            self._begin(seen.time + self._limits.settle)
+            self._begin(seen.time + self._settle)
             return self._say(missing)
         setup, limits = visits.setup, self._limits
         self._averaging.add(
@@ -169,7 +189,31 @@ class TargetWatch:
             self._begin(seen.time)
             return self._say(why, found)
         self._done = True
+        if instrument.section.reads != "length":  # of which the next target tells more
+            self._afterwards.begin(found, seen.time)
         return TargetRead(self._visit, found)
+
+    def _look_after(
+        self, seen: SeenMachine, instrument: Instrument, visits: SetupVisits
+    ) -> Outcome:
+        """Look whether what was read has changed; then it is read again, and later from now on."""
+        assert self._visit is not None  # noqa: S101 - as above
+        if instrument.problem or not instrument.section.linked:
+            self._afterwards.forget()
+            return None
+        by = self._afterwards.step(
+            seen.time, instrument, visits.setup, int(visits.order[self._visit]),
+            instrument.deviations(visits.setup, seen.positions),
+            [seen.positions[axis] for axis in self._axes],
+        )  # fmt: skip
+        if not by:
+            return None
+        after = seen.time - self._arrived
+        self._settle = max(self._settle, after)
+        self._done, self._why = False, "it still changed"
+        self._afterwards.forget()
+        self._begin(seen.time)
+        return TargetChanged(self._visit, by, after)
 
     def _say(self, why: str, reading: SteadyReading | None = None) -> Outcome:
         assert self._visit is not None  # noqa: S101 - as above

@@ -74,6 +74,12 @@ class InstrumentZero:
         """Note what was read where the machine stood on its way to a target; as of `less`."""
         self._rest = values, nominal
 
+    def withdraw(self) -> None:
+        """Forget the target that counted last."""
+        self._repeated.withdraw()
+        self._tiny.forget()
+        self._same.forget()
+
     def interrupted(self, *, counts: bool) -> None:
         """Note that the instrument was: what follows may count from elsewhere.
 

@@ -42,6 +42,9 @@ class Optics:
         Of distances: what is taken off; a ball bar shows what its length differs from it by, mm.
     noise
         Standard deviation of a reading, mm (rotations: µrad).
+    at
+        A place of the line across which ``error`` is read, indicated, mm: what the machine stands
+        aside of it shows, too. None: the machine never stands aside.
     slope
         By how much the optics are out of line, mm per mm of way; of ``error`` only.
     """
@@ -51,6 +54,7 @@ class Optics:
     tool: tuple[float, float, float] = (0.0, 0.0, -150.0)
     base: tuple[float, float, float] = (0.0, 0.0, 0.0)
     length: float = 0.0
+    at: tuple[float, float, float] | None = None
     noise: float = 1e-4
     slope: float = 0.0
 
@@ -119,8 +123,16 @@ class SimulatedLaser:
             self._zero = seen
         absolute = self.optics.reads == "distance"
         noise = [self._random.gauss(0.0, self.optics.noise) for _ in range(len(seen))]
-        shown = (seen if absolute else seen - self._zero) + np.array(noise)
+        shown = (seen if absolute else seen - self._zero) + self._aside(latch) + np.array(noise)
         return [float(x) * self.factor for x in shown]
+
+    def _aside(self, latch: Latch) -> Array:
+        """What it shows of the machine standing aside of its line, mm."""
+        optics = self.optics
+        if optics.reads != "error" or optics.at is None:
+            return np.zeros(len(optics.u))
+        aside: Array = np.array(optics.u) @ (np.array(latch.position) - np.array(optics.at))
+        return aside
 
     def slip(self, by: float) -> None:
         """Lose counts without a word, mm (rotations: µrad)."""

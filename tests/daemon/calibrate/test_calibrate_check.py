@@ -215,3 +215,16 @@ def test_a_stated_tolerance_counts(config: Path, size: str, status: int) -> None
     assert refused.status == 1
     assert "a tolerance needs its unit" in refused.err
     shutil.rmtree(folder)
+
+
+def test_another_language_alone_makes_the_certificate_anew_and_stays(config: Path) -> None:
+    folder = config.parent / "c"
+    assert calibrate(config, "--upto", "check-plan").status == 0
+    write_check(folder)
+    note(config, "check", "check.toml")
+    page = folder / "certificate.html"
+    languages = []
+    for typed in ([], ["--language", "de"], [], ["--language", "en"]):
+        assert calibrate(config, *typed).status == 0
+        languages.append('lang="de"' in page.read_text("utf-8"))
+    assert languages == [False, True, True, False]

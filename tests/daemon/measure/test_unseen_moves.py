@@ -8,7 +8,7 @@ from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.planning.instruments import INSTRUMENTS
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.visits import SetupVisits
-from abbe.daemon.config.sections.measure import MeasureSection
+from abbe.daemon.config.sections.measure import InstrumentSection, MeasureSection
 from abbe.daemon.measure.following.target_watch import TargetLeft, TargetRead, TargetWatch
 from abbe.daemon.measure.machine_view import SeenMachine
 from abbe.daemon.measure.unseen_moves import UnseenMoves
@@ -56,6 +56,7 @@ class Laser:
 
     problem, angle, time, values = "", False, 0.0, ()
     unsure, scatter = 1e-3, 0.0
+    section = InstrumentSection(source="a.b", reads="length")
 
     def sd(self, setup, target):
         return self.unsure

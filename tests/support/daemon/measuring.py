@@ -20,7 +20,7 @@ from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.planning.motion import ProgramStep, steps_of
+from abbe.compcore.planning.motion import TURN, ProgramStep, steps_of
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.demo.configuration import demo_configuration
 from abbe.drivers.simulated.process import SimulatedProcess
@@ -162,7 +162,10 @@ def optics(setup: PlannedSetup) -> dict[str, Any]:
     way = np.ptp(setup.path(), axis=0)
     along = float(np.abs(setup.u[0] @ way).max()) > 1.0
     found["u"] = setup.u[0].tolist()
-    return found | ({"reads": "length"} if along else {"reads": "error", "slope": 3e-6})
+    if along:
+        return found | {"reads": "length"}
+    line = [float(setup.targets[a][0]) for a in "XYZ"]
+    return found | {"reads": "error", "slope": 3e-6, "at": line}
 
 
 def program(
@@ -182,6 +185,8 @@ def program(
             at |= dict(step.at)
             dwell = stands if step.kind == "target" else 0.0
             moves.append({"to": [at[a] for a in "XYZ"], "stands": dwell})
+            if step.kind == "move" and step.seconds > TURN:
+                moves[-1] |= {"stands": stands, "aside": True}
     return moves
 
 
@@ -302,7 +307,9 @@ class Driver:
         self._process = process
         self._run = run
         self._moves = driven(plan, model)
-        self.targets = [k for k, m in enumerate(self._moves) if m.get("stands")]
+        self.targets = [
+            k for k, m in enumerate(self._moves) if m.get("stands") and not m.get("aside")
+        ]
         self._next = 0
 
     def place(self, number: int) -> list[float]:
@@ -320,9 +327,20 @@ class Driver:
         """Drive to a target without a stop, and stand there; backwards by the way it came first."""
         at = self.targets[number]
         first = self._next if at >= self._next else at - 1
-        moves = [{k: v for k, v in m.items() if k != "stands"} for m in self._moves[first : at + 1]]
-        self._process.order("drive", moves=moves, speed=SPEED)
+        for k in range(first, at + 1):
+            if self._moves[k].get("aside"):
+                since = len(self._run.events)
+                self._drive(first, k)
+                self._run.until(lambda e: "stood aside" in e["text"], since=since)
+                first = k + 1
+        self._drive(first, at)
         self._next = at + 1
+
+    def _drive(self, first: int, last: int) -> None:
+        moves = [
+            {k: v for k, v in m.items() if k != "stands"} for m in self._moves[first : last + 1]
+        ]
+        self._process.order("drive", moves=moves, speed=SPEED)
 
     def read(self, *numbers: int) -> None:
         """Drive to some targets, each until its rows are on the disk."""

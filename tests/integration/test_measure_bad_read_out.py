@@ -1,0 +1,127 @@
+"""``abbe measure`` beside a read-out of errors that is late by seconds, in inches, or turned.
+
+An errors' reading has no nominal value. What shows its faults is the nudge before the first target,
+and that it still changes where the machine stands.
+"""
+
+from __future__ import annotations
+
+import shutil
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from abbe.compcore.campaign.campaign import Campaign
+from abbe.drivers.simulated.process import SimulatedProcess
+from tests.integration.test_measure import campaign_of
+from tests.support.daemon.bad_read_out import BadReadOut
+from tests.support.daemon.live_run import MODEL
+from tests.support.daemon.measuring import (
+    SPEED,
+    Driver,
+    MeasureRun,
+    bench,
+    configuration,
+    driven,
+    line_plan,
+    measuring,
+    true_errors,
+    write_plan,
+)
+
+pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
+
+LINE = line_plan("s", "X", [50, 250, 450, 650], instrument="straightness", u=(0.0, 0.0, 1.0),
+                 free='["zero", "slope"]', sd=0.8)  # fmt: skip
+OFF_UM = 0.6
+"""µm: what an honest row is off by at most, here."""
+
+
+@contextmanager
+def shop(
+    folder: Path, *, late: float = 0.0, factor: float = 1.0, nudge: float = 0.05
+) -> Iterator[tuple[SimulatedProcess, MeasureRun, Driver]]:
+    shutil.copy(MODEL, folder / "model.toml")
+    plan = write_plan(folder / "plan.toml", LINE)
+    text = plan.read_text("utf-8")
+    plan.write_text(text.replace("beyond = 2\n", f"beyond = 2\nnudge = {nudge}\n"), "utf-8")
+    with bench() as process:
+        read_out = BadReadOut(process.ready["laser"], late, factor)
+        with read_out.served():
+            config = configuration(process.ready, folder)
+            text = config.read_text("utf-8").replace(process.ready["laser"], read_out.port)
+            config.write_text(text, "utf-8")
+            with measuring(plan, config, folder / "campaign.csv") as run:
+                run.until(lambda e: e["event"] == "next")
+                yield process, run, Driver(process, run, plan, folder / "model.toml")
+
+
+def off(process: SimulatedProcess, found: Campaign) -> float:
+    """By how much rows are off the exact machine's straightness at most, but for a line, µm."""
+    at = np.stack([found.conditions.positions[a] for a in "XYZ"], axis=1)
+    wrong = 1e3 * found.value - true_errors(process, at.tolist())[:, 2]
+    line = np.polynomial.polynomial.polyfit(at[:, 0], wrong, 1)
+    return float(np.abs(wrong - np.polynomial.polynomial.polyval(at[:, 0], line)).max())
+
+
+def test_an_honest_one_follows_and_its_rows_are_the_machine_s(tmp_path: Path) -> None:
+    with shop(tmp_path) as (process, run, machine):
+        machine.all()
+        assert run.wait() == 0, run.said
+        assert run.kinds("doubt") == []
+        assert run.kinds("withdrawn") == []
+        assert any("straightness follows: it shows +0.0" in e["text"] for e in run.kinds("note"))
+        found = campaign_of(tmp_path)
+        assert found.n == 8
+        assert off(process, found) < OFF_UM
+
+
+@pytest.mark.parametrize(
+    ("factor", "words"), [(1.0 / 25.4, "switched to inches"), (-1.0, "its sign is turned")]
+)
+def test_another_unit_and_a_turned_sign_give_no_row(
+    tmp_path: Path, factor: float, words: str
+) -> None:
+    with shop(tmp_path, factor=factor) as (_, run, machine):
+        for number in (0, 1):
+            since = len(run.events)
+            machine.to(number)
+            said = run.until(lambda e: e["event"] == "doubt", since=since)
+            assert "not kept" in said["text"]
+        assert words in run.kinds("doubt")[0]["text"]
+        assert run.kinds("row") == []
+        run.end()
+
+
+def test_without_the_nudge_nothing_is_kept_of_a_plan_that_has_it(tmp_path: Path) -> None:
+    with shop(tmp_path) as (process, run, machine):
+        process.order("drive", moves=[{"to": machine.place(0)}], speed=3000.0)
+        said = run.until(lambda e: e["event"] == "doubt")
+        assert "Z +0.050 mm aside of the first target" in said["text"]
+        assert run.kinds("row") == []
+        run.end()
+
+
+@pytest.mark.one_in(2)
+@pytest.mark.parametrize("nudge", [0.0, 0.05])
+def test_one_that_is_late_by_seconds_gives_no_row_of_the_target_before(
+    tmp_path: Path, nudge: float
+) -> None:
+    """What was kept too soon is seen to change where the machine stands, and is taken back."""
+    with shop(tmp_path, late=1.5, nudge=nudge) as (process, run, _):
+        moves = driven(tmp_path / "plan.toml", tmp_path / "model.toml", stands=4.0)
+        process.order("drive", moves=moves, speed=SPEED)
+        while process.order("where")["at_move"] < len(moves):
+            time.sleep(0.2)
+        if run.process.poll() is None:
+            run.end()
+        run.wait()
+        assert any("it is slow, or late" in e["text"] for e in run.events)
+        found = campaign_of(tmp_path)
+        assert found.n
+        # 2 stated uncertainties are no change; they count against each other in the line
+        assert off(process, found) < 2.0 * 0.8 + OFF_UM
