@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import re
+import shutil
+import subprocess
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +21,7 @@ from abbe.daemon.measure.following.average import SteadyReading
 from abbe.daemon.measure.following.doubtful import RepeatedTargets
 from abbe.daemon.measure.following.instrument import Instrument
 from abbe.daemon.measure.following.nudge import NudgeCheck
+from abbe.drivers.programs.dialects import dialect_called
 from tests.support.daemon.live_run import MODEL
 from tests.support.daemon.measuring import line_plan, write_plan
 
@@ -168,3 +172,19 @@ def test_a_repetition_that_is_withdrawn_leaves_no_trace() -> None:
     seen.withdraw()
     seen.withdraw()
     assert seen.change(1, -1, (2.5,)) == pytest.approx(0.0)
+
+
+@pytest.mark.skipif(shutil.which("rs274") is None, reason="needs LinuxCNC's interpreter")
+def test_linuxcncs_own_interpreter_goes_there_and_back(tmp_path: Path) -> None:
+    found = work(tmp_path, ACROSS)
+    steps = steps_of(BRIDGE, found.setups, found.space)
+    text = dialect_called("linuxcnc").text(steps, BRIDGE, "test", 3000.0)
+    (tmp_path / "tool.tbl").touch()
+    (tmp_path / "p.ngc").write_text(text, "ascii")
+    done = subprocess.run(
+        ["rs274", "-t", "tool.tbl", "-g", "p.ngc"],
+        cwd=tmp_path, capture_output=True, text=True, timeout=120, check=True,
+    )  # fmt: skip
+    ways = [m[1].split(",") for m in re.finditer(r"STRAIGHT_FEED\((.*)\)", done.stdout)]
+    heights = [round(float(w[2]), 3) for w in ways if abs(float(w[0]) - 50.0) < 1e-6]
+    assert heights[:5] == [-180.0, -180.05, -179.95, -180.05, -180.0]
