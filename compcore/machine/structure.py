@@ -128,6 +128,14 @@ class Structure:
         """
         return tuple(a for a in "XYZ" if a in self.linear)
 
+    @property
+    def shows_diameters(self) -> bool:
+        """Whether a control may show X as a diameter: a lathe, whose spindle turns the work.
+
+        Abbe's positions are always those of the slide itself, a radius.
+        """
+        return self.spindle_on_workpiece and "X" in self.linear
+
     def require_carrying(self) -> None:
         """Refuse a machine that has none of X, Y, Z: an arm or a mount of rotary axes.
 

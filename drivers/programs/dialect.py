@@ -7,6 +7,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar
 
+from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.motion import ProgramStep
@@ -48,6 +49,20 @@ class Dialect(ABC):
         InputError
             When the language cannot say it.
         """
+
+
+def no_lathe(title: str, machine: Machine) -> InputError:
+    """The refusal of a lathe: X may be a diameter there, and words mean something else.
+
+    G94 of a Fanuc lathe turns a face in its usual system of codes.
+    """
+    return InputError(
+        f"no programs for a lathe in the language of {title}: X may be a diameter there, and what "
+        "sets that is a parameter of the machine",
+        field="controller",
+        found=str(machine.structure),
+        expected="linuxcnc or siemens, which can say that X is a radius",
+    )
 
 
 def shown(at: Mapping[str, float]) -> dict[str, float]:

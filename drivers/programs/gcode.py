@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.planning.motion import ProgramStep
-from abbe.drivers.programs.dialect import MADE_BY, Dialect, plain, shown
+from abbe.drivers.programs.dialect import MADE_BY, Dialect, no_lathe, plain, shown
 
 
 class _GCode(Dialect):
@@ -23,9 +23,20 @@ class _GCode(Dialect):
     move: ClassVar[str] = "G1"
     between: ClassVar[str] = ""
     end: ClassVar[str] = "M2"
+    radius: ClassVar[str] = ""
+    """Makes X of a lathe a radius; empty: nothing that is known does in every such control."""
 
     def text(self, steps: Sequence[ProgramStep], machine: Machine, title: str, feed: float) -> str:
-        """The program; mm, degrees, mm/min."""
+        """The program; mm, degrees, mm/min.
+
+        Raises
+        ------
+        InputError
+            For a lathe, where the control may count X in diameters and nothing is known that ends
+            it.
+        """
+        if machine.structure.shows_diameters and not self.radius:
+            raise no_lathe(self.title, machine)
         return "\n".join(self._lines(steps, machine, title, feed)) + "\n"
 
     def _lines(
@@ -62,6 +73,12 @@ class _GCode(Dialect):
     def _head(self, machine: Machine, title: str) -> Iterator[str]:
         yield self._note(f"{title}; {MADE_BY}")
         yield "G21 G90 G94 G40 G49 G80"
+        yield from self._radius(machine)
+
+    def _radius(self, machine: Machine) -> Iterator[str]:
+        if machine.structure.shows_diameters:
+            yield self._note("X is a radius, the travel of the slide")
+            yield self.radius
 
     def _foot(self) -> Iterator[str]:
         yield self.end
@@ -73,6 +90,7 @@ class LinuxCnc(_GCode):
     name: ClassVar[str] = "linuxcnc"
     title: ClassVar[str] = "LinuxCNC"
     move: ClassVar[str] = "G53 G1"
+    radius: ClassVar[str] = "G8"
 
 
 class FanucProgram(_GCode):
@@ -114,6 +132,7 @@ class Siemens(_GCode):
     move: ClassVar[str] = "SUPA G1"
     between: ClassVar[str] = "="
     end: ClassVar[str] = "M30"
+    radius: ClassVar[str] = "DIAMOF"
 
     def _note(self, text: str) -> str:
         return f"; {plain(text)}"
@@ -125,3 +144,4 @@ class Siemens(_GCode):
         yield self._note(f"{title}, {MADE_BY}")
         # G71 would leave the feed in inches per minute where the control's own unit is the inch
         yield "G710 G90 G94 G40 G500 D0"
+        yield from self._radius(machine)

@@ -11,7 +11,7 @@ from typing import ClassVar
 
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.planning.motion import ProgramStep
-from abbe.drivers.programs.dialect import MADE_BY, Dialect, plain, shown
+from abbe.drivers.programs.dialect import MADE_BY, Dialect, no_lathe, plain, shown
 
 
 class Klartext(Dialect):
@@ -21,7 +21,15 @@ class Klartext(Dialect):
     title: ClassVar[str] = "Heidenhain TNC"
 
     def text(self, steps: Sequence[ProgramStep], machine: Machine, title: str, feed: float) -> str:
-        """The program; mm, degrees, mm/min."""
+        """The program; mm, degrees, mm/min.
+
+        Raises
+        ------
+        InputError
+            For a lathe, where X may be a diameter.
+        """
+        if machine.structure.shows_diameters:
+            raise no_lathe(self.title, machine)
         lines = ["BEGIN PGM ABBE MM", *self._lines(steps, title, feed), "END PGM ABBE MM"]
         return "\n".join(f"{i} {line}" for i, line in enumerate(lines)) + "\n"
 

@@ -48,6 +48,10 @@ _AXES = """
 # How far each axis travels, as the controller shows it: mm, rotary axes degrees. Beyond these ends
 # errors are held.
 """
+_RADIUS = """\
+# X is a radius, the travel of the slide: half of what a control shows as a diameter. So are all
+# positions of X in campaigns and tables, and what a configuration reads (a scale of 0.5).
+"""
 _SIGNALS = """
 # What is recorded beside the positions: one column of this name in every campaign, and later one
 # [signals.NAME] in the configuration of `abbe run`. Signals that no effect below uses are tried by
@@ -146,7 +150,8 @@ def _pieces(model: Model, name: str) -> Iterator[str]:
     for axis, table in axes.items():
         if is_rotary(axis):
             table.setdefault("location", list(machine.axes[axis].location))
-        yield f"[machine.axes.{axis}]\n" + _lines(table)
+        note = _RADIUS if axis == "X" and machine.structure.shows_diameters else ""
+        yield note + f"[machine.axes.{axis}]\n" + _lines(table)
     yield _SIGNALS if signals else _NO_SIGNALS
     for signal, table in signals.items():
         yield f"[machine.signals.{_key(signal)}]\n" + _lines(table)

@@ -177,6 +177,7 @@ def _made(request: TableRequest, model: Model | None) -> TableAnswer:
         [request.note] if request.note else [],
         not_applied(whole),
         found.notes,
+        _of_a_lathe(tables, model),
         lines,
         in_words(sure),
     )
@@ -199,6 +200,18 @@ def _made(request: TableRequest, model: Model | None) -> TableAnswer:
     )
     made = TableSet(controller.name, dict(request.options), files, record, tuple(tables))
     return TableAnswer(request, model, made, new, remaining, notes, trial, sure)
+
+
+def _of_a_lathe(tables: Sequence[Table], model: Model) -> list[str]:
+    """What a lathe's X means in the tables."""
+    uses_x = any("X" in t.inputs or t.output.component == "X" for t in tables)
+    if not (uses_x and model.machine.structure.shows_diameters):
+        return []
+    return [
+        "X is a radius here, the travel of the slide: a control that counts X in diameters may "
+        "want positions, and perhaps values, twice as large; its manual says, and an indicator "
+        "shows"
+    ]
 
 
 def _less(tables: Sequence[Table], present: Sequence[Table]) -> tuple[Table, ...]:

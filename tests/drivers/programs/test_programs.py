@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure, is_rotary
 from abbe.compcore.planning.envelope import KeepOut, WorkingSpace
 from abbe.compcore.planning.instruments import instruments_called
-from abbe.compcore.planning.motion import TURN, steps_of
+from abbe.compcore.planning.motion import TURN, ProgramStep, steps_of
 from abbe.compcore.planning.setups.candidates import possible
 from abbe.drivers.programs.dialect import plain, targets_csv
 from abbe.drivers.programs.dialects import dialect_called
@@ -302,3 +303,46 @@ def test_words_of_people_cannot_become_commands(bad):
 def test_an_unknown_controller_is_named():
     with pytest.raises(InputError, match="linuxcnc, fanuc, siemens, heidenhain, ipp"):
         dialect_called("mazak")
+
+
+LATHE = Machine(
+    "lathe",
+    Structure.parse("w (C') b Z X t"),
+    {"X": Axis("X", (-200.0, 0.0)), "Z": Axis("Z", (-500.0, 0.0))},
+)
+FACING = [
+    ProgramStep("move", at={"X": -10.0, "Z": -20.0}, seconds=0.0),
+    ProgramStep("target", at={"X": -10.0, "Z": -20.0}, number=1, seconds=2.0),
+]
+
+
+@pytest.mark.skipif(shutil.which("rs274") is None, reason="needs LinuxCNC's interpreter")
+def test_a_lathe_that_counts_in_diameters_goes_where_it_should(tmp_path):
+    """LinuxCNC's own interpreter, left in G7 by what ran before: there -10 would be -5."""
+    text = dialect_called("linuxcnc").text(FACING, LATHE, "lathe", 500.0)
+    program = tmp_path / "lathe.ngc"
+    program.write_text("G7\n" + text)
+    done = subprocess.run(
+        ["rs274", "-g", str(program)], cwd=tmp_path, capture_output=True, text=True, check=False
+    )
+    (fed,) = re.findall(r"STRAIGHT_FEED\(([-\d.]+), ([-\d.]+), ([-\d.]+)", done.stdout)
+    assert [float(v) for v in fed] == [-10.0, 0.0, -20.0]
+
+
+def test_siemens_is_told_that_x_is_a_radius_before_it_moves():
+    lines = dialect_called("siemens").text(FACING, LATHE, "lathe", 500.0).splitlines()
+    assert lines.index("DIAMOF") < next(i for i, line in enumerate(lines) if "SUPA" in line)
+
+
+@pytest.mark.parametrize("controller", ["fanuc", "heidenhain"])
+def test_no_lathe_is_moved_by_a_language_that_cannot_say_radius(controller):
+    with pytest.raises(InputError, match="no programs for a lathe"):
+        dialect_called(controller).text(FACING, LATHE, "lathe", 500.0)
+
+
+def test_a_mill_is_told_nothing_of_diameters():
+    for controller in ("linuxcnc", "siemens"):
+        mill = replace(LATHE, structure=Structure.parse("w b Z X (C) t"))
+        text = dialect_called(controller).text(FACING, mill, "mill", 500.0)
+        assert "G8\n" not in text
+        assert "DIAMOF" not in text
