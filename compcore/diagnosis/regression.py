@@ -73,11 +73,12 @@ def regression(less: FitResult) -> Sequence[Effect]:
     projected = basis.project(stacked)
     values = np.linalg.lstsq(projected, basis.residual, rcond=SEEN)[0]
     weakest = np.argsort(np.abs(values) * np.linalg.norm(projected, axis=0))
+    size = np.linalg.norm(stacked, axis=0)
     kept = list(range(len(effects)))
-    left = LeftOut.of(basis.extended(stacked), rows).chi2
+    left = LeftOut.of(basis.extended_by(projected, size), rows).chi2
     for i in weakest:
         fewer = [k for k in kept if k != i]
-        without = LeftOut.of(basis.extended(stacked[:, fewer]), rows).chi2
+        without = LeftOut.of(basis.extended_by(projected[:, fewer], size[fewer]), rows).chi2
         if without <= left:
             kept, left = fewer, without
     while kept:

@@ -186,7 +186,8 @@ def jointly(diagnosis: Findings) -> list[Effect]:
     each += better
     if len(better) > 1:
         columns = np.hstack([t.columns for t in better])
-        if _believable(diagnosis, effects := [e for t in better for e in t.effects], columns):
+        effects = [e for t in better for e in t.effects]
+        if _believable(diagnosis, effects, basis.project(columns)):
             each.append(_Together(effects, columns, LeftOut.of(basis.extended(columns), rows)))
     each.sort(key=lambda t: t.left.chi2)
     one = np.ones(len(before.residual))
@@ -206,11 +207,27 @@ def _beside(diagnosis: Findings, found: Sequence[WeighedCandidate], rows: Rows) 
     if not found:
         return None
     columns = np.hstack([diagnosis.pool.found_columns(f) for f in found])
-    effects = [f.candidate.effect for f in found]
-    if columns.shape[1] != len(found) or not _believable(diagnosis, effects, columns):
+    if columns.shape[1] != len(found):
         return None
-    left = LeftOut.of(diagnosis.basis.extended(columns), rows)
-    return _Together(effects, columns, left)
+    return _fitted(diagnosis, found, columns, diagnosis.basis.project(columns), rows)
+
+
+def _fitted(
+    diagnosis: Findings,
+    found: Sequence[WeighedCandidate],
+    columns: F64,
+    projected: F64,
+    rows: Rows,
+) -> _Together | None:
+    """Effects of one parameter each by their columns, (n, k), and what the model leaves of them.
+
+    None where their values cannot be.
+    """
+    effects = [f.candidate.effect for f in found]
+    if not _believable(diagnosis, effects, projected):
+        return None
+    beside = diagnosis.basis.extended_by(projected, np.linalg.norm(columns, axis=0))
+    return _Together(effects, columns, LeftOut.of(beside, rows))
 
 
 def _foretelling_most(
@@ -221,7 +238,7 @@ def _foretelling_most(
     columns = np.hstack([diagnosis.pool.found_columns(f) for f in found])
     if columns.shape[1] != len(found):
         return None
-    left = basis.project(columns)
+    left = projected = basis.project(columns)
     whole = np.linalg.norm(columns, axis=0)
     order: list[int] = []
     best: _Together | None = None
@@ -233,16 +250,19 @@ def _foretelling_most(
         order.append(most)
         direction = left[:, most] / size[most]
         left = left - np.outer(direction, direction @ left)
-        beside = _beside(diagnosis, [found[i] for i in order], rows)
+        tried = [found[i] for i in order]
+        beside = _fitted(diagnosis, tried, columns[:, order], projected[:, order], rows)
         if beside is not None and (best is None or beside.left.chi2 < best.left.chi2):
             best = beside
     return best
 
 
-def _believable(diagnosis: Findings, effects: Sequence[Effect], columns: F64) -> bool:
-    """Whether the values that effects of one parameter each would have beside a model can be."""
+def _believable(diagnosis: Findings, effects: Sequence[Effect], projected: F64) -> bool:
+    """Whether the values that effects of one parameter each would have beside a model can be.
+
+    `projected`: what the model leaves of their columns, (n, k).
+    """
     basis, machine = diagnosis.basis, diagnosis.pool.machine
-    projected = basis.project(columns)
     values = np.linalg.lstsq(projected, basis.residual, rcond=SEEN)[0]
     ranges = np.array([effect.linear(machine)[0].plausible for effect in effects])
     return bool(np.all((ranges[:, 0] <= values) & (values <= ranges[:, 1])))

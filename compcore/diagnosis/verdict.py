@@ -218,7 +218,7 @@ def _diagnosed(
     clock = campaign.conditions.time
     pool = Pool(tried, columns, basis, model.machine, placed=frames.columns, time=clock)
     progress(f"testing {len(tried)} candidates")
-    blocks = Blocks(campaign.conditions, model.machine)
+    blocks = Blocks.of(campaign.conditions, model.machine)
     basis, chosen, ranked = foretelling(pool, basis, blocks)
     progress("looking for structure that is in no catalogue")
     patterns = Patterns(result.problem, result.theta, frames)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Hashable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -14,6 +15,7 @@ from abbe.compcore.machine.lag import Clock
 from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
+T = TypeVar("T")
 
 _MOST_LAGGED = 4_000_000
 """Lagged values that are kept at the most: 32 MB."""
@@ -166,6 +168,7 @@ class Conditions:
             raise ValueError(f"tool has shape {self.tool.shape}, expected {(n, 3)}")
 
     n: int = field(init=False, default=0)
+    _kept: dict[Hashable, Any] = field(init=False, default_factory=dict, repr=False)
 
     def _broadcast(self) -> None:
         """Numbers, lists and arrays of one value become as long as the others."""
@@ -308,6 +311,13 @@ class Conditions:
             kept = (source, made)
             self._made[key] = kept
         return kept[1]
+
+    def kept(self, key: Hashable, make: Callable[[], T]) -> T:
+        """What `make` works out of these rows, kept as long as they are."""
+        if key not in self._kept:
+            self._kept[key] = make()
+        found: T = self._kept[key]
+        return found
 
     def lags_computed(self) -> tuple[tuple[str, float], ...]:
         """(signal, τ in s) of every lag that has been asked for and was computed here."""

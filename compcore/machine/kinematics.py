@@ -37,6 +37,9 @@ from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
 
+_MOST_KEPT = 20_000
+"""Rows of which the chain is kept: some 10 MB for six axes."""
+
 _UNIT = {"X": 0, "Y": 1, "Z": 2, "A": 0, "B": 1, "C": 2}
 
 
@@ -124,6 +127,16 @@ class Chain:
             about = np.asarray(_spindle_direction(structure.spindle))
             self._spindle = rotation_about(about, conditions.spindle_angle)
         self._hold(conditions.tool)
+
+    @classmethod
+    def of(cls, machine: Machine, conditions: Conditions) -> Chain:
+        """The chain at some rows; where they are no more than `_MOST_KEPT`, made once for all."""
+        if conditions.n > _MOST_KEPT:
+            return cls(machine, conditions)
+        where = tuple(conditions.positions.get(a) for a in machine.structure.axes)
+        # what is kept holds machine and positions, so that their ids stay their own
+        key = ("chain", id(machine), *map(id, where))
+        return conditions.kept(key, lambda: (where, cls(machine, conditions)))[1]
 
     def _hold(self, tool: F64) -> None:
         """Where the functional point is with tool offsets, (n, 3)."""

@@ -15,6 +15,9 @@ from abbe.compcore.model.model import Model, Term, Value
 
 F64 = NDArray[np.float64]
 
+_MOST_KEPT = 1000
+"""Rows of which effects' motions are kept: fit after fit asks for the same few places."""
+
 
 def sensitivities(model: Model, conditions: Conditions) -> tuple[F64, F64]:
     """Derivatives of the first-order error by the parameters of all fitted effects.
@@ -31,7 +34,7 @@ def sensitivities(model: Model, conditions: Conditions) -> tuple[F64, F64]:
         Shape (n, 3, p), rad per unit of parameter.
     """
     conditions = model.amended(conditions)
-    chain = Chain(model.machine, conditions)
+    chain = Chain.of(model.machine, conditions)
     size = sum(len(term.values) for term in model.terms)
     translation = np.zeros((conditions.n, 3, size))
     rotation = np.zeros((conditions.n, 3, size))
@@ -70,7 +73,13 @@ def _motions(model: Model, term: Term, conditions: Conditions) -> tuple[Motion, 
     if effect.reads_model:
         fitted = [other for other in model.terms if other.fitted]
         return effect.motions_among(model.machine, conditions, nonlinear, fitted)
-    return effect.motions(model.machine, conditions, nonlinear)
+    if nonlinear or conditions.n > _MOST_KEPT:
+        return effect.motions(model.machine, conditions, nonlinear)
+    # what is kept holds the machine, so that its id stays its own
+    machine = model.machine
+    key = ("motions", effect, id(machine))
+    made = conditions.kept(key, lambda: (machine, effect.motions(machine, conditions, nonlinear)))
+    return made[1]
 
 
 def _add(chain: Chain, motion: Motion, translation: F64, rotation: F64, where: slice) -> None:

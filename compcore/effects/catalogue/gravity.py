@@ -127,7 +127,7 @@ class GravityFlexure(Effect):
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
     ) -> tuple[Motion, ...]:
         """``s × g`` on the axis's three turns; the other way round on the workpiece's side."""
-        chain = Chain(machine, conditions)
+        chain = Chain.of(machine, conditions)
         turns: tuple[Component, ...] = ROTATIONS
         # the directions of the axis's frame in machine axes, one row each
         frame = np.stack([chain.component(ErrorMotion(self.axis, k)) for k in turns], axis=1)

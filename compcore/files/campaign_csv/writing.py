@@ -129,12 +129,23 @@ def _numbers(name: str, values: F64, blank: NDArray[np.bool_] | None = None) -> 
         raise InputError("not a finite number", field=name, found=float(found))
 
     def text(part: slice) -> list[str]:
-        texts = [repr(x).removesuffix(".0") for x in values[part].tolist()]
+        texts = _texts(np.ascontiguousarray(values[part], dtype=np.float64))
         if blank is not None:
             texts = ["" if b else t for t, b in zip(texts, blank[part].tolist(), strict=True)]
         return texts
 
     return text
+
+
+def _texts(values: F64) -> list[str]:
+    """Each number's shortest text; what repeats, as positions do row after row, is written once."""
+    # by their bits: −0 is not 0
+    bits, where = np.unique(values.view(np.int64), return_inverse=True)
+    often = 2 * len(bits) <= len(values)
+    written = [
+        repr(x).removesuffix(".0") for x in (bits.view(np.float64) if often else values).tolist()
+    ]
+    return np.array(written, dtype=object)[where].tolist() if often else written
 
 
 def _names(name: str, values: NDArray[np.str_], *, optional: bool = False) -> Column:

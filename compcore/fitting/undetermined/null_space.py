@@ -102,7 +102,7 @@ def _displacements(fields: ParameterFields, theta: F64) -> tuple[F64, F64]:
     machine = fields.model.machine
     somewhere = fields.place(VOLUME, lambda: sample_volume(machine, fields.campaign))
     field = _stacked(*fields.at(theta, VOLUME))
-    chain = Chain(machine, somewhere)
+    chain = Chain.of(machine, somewhere)
     conventions = []
     for place in (WORKPIECE, SPINDLE):
         for component in get_args(Component):

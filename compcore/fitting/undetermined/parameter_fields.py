@@ -35,9 +35,13 @@ class ParameterFields:
         self._found: dict[Hashable, tuple[bytes, tuple[F64, F64]]] = {}
 
     def place(self, name: Hashable, made: Callable[[], Conditions]) -> Conditions:
-        """The places of a name; `made` the first time that they are asked for."""
+        """The places of a name; `made` the first time that a fit to the campaign asks for them."""
         if name not in self._places:
-            self._places[name] = made()
+            machine = self.model.machine
+            # what is kept holds the machine, so that its id stays its own
+            key = ("places", name, id(machine))
+            kept = self.campaign.conditions.kept(key, lambda: (machine, made()))
+            self._places[name] = kept[1]
         return self._places[name]
 
     def at(self, theta: F64, name: Hashable) -> tuple[F64, F64]:

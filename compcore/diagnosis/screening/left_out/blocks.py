@@ -62,6 +62,12 @@ class Blocks:
     _found: dict[tuple[tuple[str, float], ...], Rows] = field(default_factory=dict, repr=False)
     _cut: dict[tuple[object, ...], Rows] = field(default_factory=dict, repr=False)
 
+    @classmethod
+    def of(cls, conditions: Conditions, machine: Machine) -> Blocks:
+        """The blocks of these rows, dealt once."""
+        # what is kept holds the machine, so that its id stays its own
+        return conditions.kept(("blocks", id(machine)), lambda: cls(conditions, machine))
+
     @property
     def usual(self) -> Rows:
         """Blocks for what is no shape over an axis."""

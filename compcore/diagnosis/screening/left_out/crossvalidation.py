@@ -32,18 +32,12 @@ Index = NDArray[np.int64]
 
 FOLDS = 8
 
-_OUTSIDE = 1e-9
-"""Eigenvalues of QᵀQ below this are zeros with rounding."""
-
 _AGAIN = 3
 """Visits of every place from which on they are left out in place of the places: two may be one part
 that was measured twice."""
 
 _DECIMALS = 2
 """Of mm, and of rad ten times finer: what a machine that returns to a place does not repeat."""
-
-_ALONE = 0.02
-"""Eigenvalues of I − H_BB below this: combinations that the left-out rows alone determine."""
 
 
 def folds(
@@ -260,22 +254,10 @@ class LeftOut:
         """Leave each fold out."""
         out = basis.residual.copy()
         alone = []
-        nuisances = _nuisances(basis)
-        for fold in rows:
-            own = nuisances[fold]
-            q = np.hstack([basis.q[fold], basis.extra[fold], own[:, own.any(axis=0)]])
-            r = basis.residual[fold]
-            # (I − QQᵀ)⁺ r by the small side: eigenvectors of QᵀQ; directions with an eigenvalue
-            # of nearly 0 are not in Q and stay as they are
-            square, v = np.linalg.eigh(q.T @ q)
-            inside = square > _OUTSIDE
-            u = q @ (v[:, inside] / np.sqrt(square[inside]))
-            part = u.T @ r
-            keep = 1.0 - square[inside]
-            lonely = keep < _ALONE
-            grown = np.where(lonely, 0.0, part / np.where(lonely, 1.0, keep))
-            out[fold] = r - u @ part + u @ grown
-            alone.append(int(lonely.sum()))
+        for fold, left_out in zip(rows, basis.left_out(rows), strict=True):
+            found = left_out.foretold(basis.extra[fold], basis.residual[fold])
+            out[fold] = found[0]
+            alone.append(found[1])
         return cls(out, rows, tuple(alone))
 
     @property
@@ -294,16 +276,6 @@ class LeftOut:
             if after > before:
                 out[fold] = self.residual[fold]
         return out
-
-
-def _nuisances(basis: Basis) -> F64:
-    """Orthonormal basis of all set-ups' nuisances, shape (n, q)."""
-    out = np.zeros((basis.n, basis.eliminator.rank))
-    at = 0
-    for rows, own in basis.eliminator.bases():
-        out[rows, at : at + own.shape[1]] = own
-        at += own.shape[1]
-    return out
 
 
 def lonely(before: LeftOut, after: LeftOut) -> list[int]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache, partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -60,11 +61,11 @@ class LeftOutErrors:
         campaign = thin.problem.campaign
         effects = thin.model.effects if judged is None else judged
         conditions = campaign.conditions
-        of_passes = (passes(conditions, axis) for axis in along)
-        blocks = list(rows) or next(filter(None, of_passes), [])
-        blocks = blocks or Blocks(conditions, thin.model.machine).for_effects(effects)
+        of_passes = (conditions.kept(("passes", a), partial(passes, conditions, a)) for a in along)
+        blocks = rows or next(filter(None, of_passes), [])
+        blocks = blocks or Blocks.of(conditions, thin.model.machine).for_effects(effects)
         with threads_for(thin.problem.n * thin.problem.layout.size):
-            left = LeftOut.of(Basis.of(thin), blocks)
+            left = LeftOut.of(_basis(thin), blocks)
         used = thin.problem.weight > 0.0
         sd = np.where(used, thin.problem.sd, 0.0)
         left = replace(left, residual=left.residual * sd)
@@ -82,7 +83,7 @@ class LeftOutErrors:
         """How two fits to the same rows, with and without some effects, predict the same blocks."""
         found = cls.of(one, changed), cls.of(other, changed)
         thin = one.thin
-        blocks = Blocks(thin.problem.campaign.conditions, thin.model.machine)
+        blocks = Blocks.of(thin.problem.campaign.conditions, thin.model.machine)
         cut = blocks.cut_for(changed, found[0].left, found[1].left)
         return (cls.of(one, rows=cut), cls.of(other, rows=cut)) if cut else found
 
@@ -102,3 +103,9 @@ class LeftOutErrors:
         after = fuller.left.residual if bound else self.left.with_what_it_foretells(fuller.left)
         before = float(np.sum((self.left.residual * weight) ** 2))
         return float(np.sum((after * weight) ** 2)) / before if before > 0.0 else 1.0
+
+
+@lru_cache(maxsize=2)
+def _basis(thin: FitResult) -> Basis:
+    """The basis of a fit: of a model as it is, many are asked beside it."""
+    return Basis.of(thin)

@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.diagnosis.screening.projection.left_out_rows import LeftOutRows
 from abbe.compcore.fitting.design.nuisance import Eliminator
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.linalg import svd
 
 F64 = NDArray[np.float64]
+Index = NDArray[np.int64]
 
 SEEN = 1e-3
 """Least part of a candidate's column (norm) outside the model's span for it to be seen at all."""
+
+_KEPT = 3
+"""Divisions of the rows that are kept as they were taken apart."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,6 +53,9 @@ class Basis:
     extra: F64
     observations: int | None = None
     share: float = 1.0
+    _left_out: dict[int, tuple[Sequence[Index], list[LeftOutRows]]] = field(
+        default_factory=dict, repr=False
+    )
 
     @classmethod
     def of(cls, result: FitResult) -> Basis:
@@ -105,6 +114,24 @@ class Basis:
             )
         return np.hstack([self.q, self._nuisances])
 
+    def left_out(self, parts: Sequence[Index]) -> list[LeftOutRows]:
+        """The model without `extra`, as each part of the rows that is left out sees it.
+
+        Worked out once for the same list of parts: whatever joins the model, q stays.
+        """
+        kept = self._left_out.get(id(parts))
+        if kept is None or kept[0] is not parts:
+            while len(self._left_out) >= _KEPT:
+                del self._left_out[next(iter(self._left_out))]
+            nuisances = self._nuisances
+            found = []
+            for rows in parts:
+                own = nuisances[rows]
+                found.append(LeftOutRows(np.hstack([self.q[rows], own[:, own.any(axis=0)]])))
+            kept = (parts, found)
+            self._left_out[id(parts)] = kept
+        return kept[1]
+
     @property
     def _nuisances(self) -> F64:
         """Orthonormal basis of the set-ups' nuisances, (n, rank)."""
@@ -130,7 +157,11 @@ class Basis:
 
     def extended(self, columns: F64) -> Basis:
         """The basis after columns (n, k) were added to the model."""
-        new = orthonormal(self.project(columns), np.linalg.norm(columns, axis=0))
+        return self.extended_by(self.project(columns), np.linalg.norm(columns, axis=0))
+
+    def extended_by(self, projected: F64, original: F64) -> Basis:
+        """As `extended`, by columns (n, k) that are projected already; `original` their norms."""
+        new = orthonormal(projected, original)
         if not new.shape[1]:
             return self
         residual = self.residual - new @ (new.T @ self.residual)
