@@ -17,8 +17,11 @@ from abbe.compcore.fitting.knots.choice import KnotChoice
 from abbe.compcore.fitting.rigid_body import rigid_body_test
 from abbe.compcore.fitting.solution import Solution
 from abbe.compcore.fitting.undetermined.words import Undetermined
+from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.as_built import ON_THE_TABLE, reversed_parameters
+from abbe.compcore.model.course import runs_away
 from abbe.compcore.model.held_spindle import tool_of
+from abbe.compcore.model.model import Model
 from abbe.compcore.model.to_enter import average_line_words
 from abbe.compcore.sentences import joined, listed, said
 from abbe.compcore.units import display, in_digits, read_in, with_uncertainty
@@ -100,6 +103,28 @@ def too_fine_lines(problem: Problem) -> Iterator[str]:
         )  # fmt: skip
 
 
+def run_away_lines(model: Model, conditions: Conditions) -> Iterator[str]:
+    """Curves that say much more where nobody measured than where somebody did."""
+    for term in model.terms:
+        axis = getattr(term.effect, "axis", "")
+        if axis not in conditions.positions:
+            continue
+        found = runs_away(term, model.machine, conditions.position(axis))
+        if found is None:
+            continue
+        unit, factor = ("µrad", 1e6) if found.angle else ("µm", 1e3)
+        turn, mm = (math.degrees(1.0), "°") if model.machine.axis(axis).rotary else (1.0, " mm")
+        yield said(
+            "RUNS AWAY: {spec} is {away} off at {axis} {place}, where nobody measured; where it "
+            "was measured it stays within {read}. Measure there, or take a table or fewer "
+            "coefficients, before tables are made of it",
+            spec=found.effect, axis=axis,
+            away=f"{in_digits(found.away * factor, sign=True)} {unit}",
+            place=f"{in_digits(found.place * turn, 4)}{mm}",
+            read=f"{in_digits(found.read * factor)} {unit}",
+        )  # fmt: skip
+
+
 def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     """Lines of text about a fit, without its parameters."""
     problem = result.problem
@@ -140,6 +165,7 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     yield from noise.words()
     yield from undetermined_lines(result.undetermined)
     yield from too_fine_lines(problem)
+    yield from run_away_lines(result.model, problem.campaign.conditions)
     for test in rigid_body_test(result):
         if test.adjusted < FLEXES:
             by = test.by

@@ -6,10 +6,14 @@ import numpy as np
 import pytest
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.noise import noise_floor
 from abbe.compcore.campaign.targets import targets
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
+from abbe.compcore.effects import make_effect
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.fitting.fit import fit
+from abbe.compcore.fitting.words import fit_words
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model
 from benchmarks.hidden.judging import trial
@@ -56,6 +60,28 @@ def test_between_targets_nothing_is_said_that_was_not_read(beyond, play):
         np.testing.assert_allclose(said(model, place, way) - shift, read, atol=1.5)
         assert (between - shift).max() < read.max() + 3.0
         assert (between - shift).min() > read.min() - 3.0
+
+
+def test_a_fit_says_where_its_curve_runs_away():
+    """What `abbe new` asks for is fitted, and what it says of the ends that nobody read is said."""
+    at_hand = SLIT.with_effects(make_effect("positioning", {"axis": "X", "shape": "spline:6"}))
+    campaign = five_targets(0.2, UP - 3.0)
+    result = fit(at_hand, campaign)
+    lines = list(fit_words(result, noise_floor(campaign, SLIT.machine)))
+    (fine,) = [line for line in lines if line.startswith("TOO FINE")]
+    assert "shape=table positions=15.1,25.3,35.5,45.7,55.9" in fine
+    (away,) = [line for line in lines if line.startswith("RUNS AWAY")]
+    assert "where it was measured it stays within" in away
+
+
+def test_nothing_runs_away_where_the_whole_travel_was_read():
+    at = np.tile(np.linspace(0.0, 70.0, 15), 4)
+    lines = ['# format = "abbe-campaign/1"', "setup,kind,X,ux,uy,uz,value"]
+    lines += [f"run,displacement,{x:g},1,0,0,{20.0 * np.sin(x / 12.0):.3f}" for x in at]
+    campaign = trial.as_campaign("\n".join(lines) + "\n", SLIT)
+    at_hand = SLIT.with_effects(make_effect("positioning", {"axis": "X", "shape": "spline:6"}))
+    said = list(fit_words(fit(at_hand, campaign), noise_floor(campaign, SLIT.machine)))
+    assert not [line for line in said if line.startswith(("TOO FINE", "RUNS AWAY"))]
 
 
 def test_targets_that_only_the_way_back_meets_elsewhere_are_one():
