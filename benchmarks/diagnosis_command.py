@@ -1,12 +1,13 @@
 """``abbe diagnose``, ``fit`` and ``compare`` as typed: seconds and memory, by the number of rows.
 
-``python benchmarks/diagnosis_command.py`` writes the section of docs/performance.md; ``--fast``
+``python -m benchmarks.diagnosis_command`` writes the section of docs/performance.md; ``--fast``
 takes the small campaigns only and writes nothing.
 """
 
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import tempfile
 from pathlib import Path
@@ -111,7 +112,8 @@ TEXT = f"""## The commands as typed
 the process to its end, reading and imports included: a bridge CMM measured through a day (as
 under *Every candidate tested*; two causes hidden; lines with more and more points), least of
 {TURNS} turns where there are fewer than 50,000 rows; Python keeps its compiled files, as it does
-for a user; other programs shared the two cores.
+for a user. *CPU s*: user and system time of the process with the threads that it sets itself; other
+programs shared the two cores, which stretches the time on the clock, and by less the processor's.
 *Pursuit*: a script that reads the same files, fits, computes and projects all candidates' columns
 with Abbe's functions and gives them to scikit-learn's `OrthogonalMatchingPursuit` for four columns;
 it knows neither groups of columns nor descriptions, aliases, cross-validation or what to measure
@@ -127,12 +129,18 @@ def main() -> None:
     parser.add_argument("--fast", action="store_true")
     options = parser.parse_args()
     rows = []
+    loads = [os.getloadavg()[0]]
     for wanted in ROWS[:2] if options.fast else ROWS:
         text, _ = row(wanted)
         rows.append(text)
+        loads.append(os.getloadavg()[0])
         print(text, flush=True)
     if not options.fast:
-        parts = [TEXT, "\n".join([HEAD, *rows]), machine() + "."]
+        parts = [
+            TEXT,
+            "\n".join([HEAD, *rows]),
+            f"{machine()}; load of the host {min(loads):.1f} to {max(loads):.1f}.",
+        ]
         write_section("commands", "\n\n".join(parts))
 
 

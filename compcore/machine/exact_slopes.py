@@ -8,7 +8,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.machine.error_motion import INSTRUMENT, ErrorMotion
-from abbe.compcore.machine.kinematics import Chain, conjugated, crossed, rotation_xyz
+from abbe.compcore.machine.kinematics import (
+    Chain,
+    conjugated,
+    crossed,
+    moved_by,
+    multiplied,
+    rotation_xyz,
+)
 
 F64 = NDArray[np.float64]
 
@@ -48,16 +55,17 @@ class ExactSlopes:
             self._angles[place] = a, b, c
             self._before[place] = turned
             if any(ErrorMotion(place, k) in motions for k in ("A", "B", "C")):
-                turned = turned @ conjugated(chain, place, rotation_xyz(a, b, c))
+                turned = multiplied(turned, conjugated(chain, place, rotation_xyz(a, b, c)))
             reach = chain.lever(place)
             if following is not None:
                 reach = reach - chain.lever(following)
-            moved.append(np.einsum("nij,nj->ni", turned, reach))
+            moved.append(moved_by(turned, reach))
         beyond = np.zeros((n, 3))
         for place, part in zip(reversed(places), reversed(moved), strict=True):
             beyond = beyond + part
             self._beyond[place] = beyond
         self.orientation: F64 = turned
+        self._trace: F64 = (turned[:, 0, 0] + turned[:, 1, 1] + turned[:, 2, 2])[:, None]
 
     def influence(self, error_motion: ErrorMotion) -> tuple[F64, F64]:
         """Translation and rotation of the tool per unit of an error motion, (n, 3) each.
@@ -68,10 +76,8 @@ class ExactSlopes:
         if not error_motion.rotation or place == INSTRUMENT or place not in self._before:
             return self._chain.influence(error_motion)
         about = self._chain.in_machine_axes(place, self._axis(error_motion))
-        about = np.einsum("nij,nj->ni", self._before[place], about)
-        whole = self.orientation
-        trace = np.trace(whole, axis1=1, axis2=2)[:, None]
-        turned = 0.5 * (trace * about - np.einsum("nij,nj->ni", whole, about))
+        about = moved_by(self._before[place], about)
+        turned = 0.5 * (self._trace * about - moved_by(self.orientation, about))
         return crossed(about, self._beyond[place]), turned
 
     def _axis(self, error_motion: ErrorMotion) -> F64:

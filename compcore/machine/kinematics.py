@@ -63,7 +63,7 @@ def rotation_xyz(a: F64, b: F64, c: F64) -> F64:
         [ca * sc + sa * sb * cc, ca * cc - sa * sb * sc, -sa * cb],
         [sa * sc - ca * sb * cc, sa * cc + ca * sb * sc, ca * cb],
     ]
-    return np.moveaxis(np.array(rows, dtype=np.float64), 2, 0)
+    return np.array(rows, dtype=np.float64).transpose(2, 0, 1)
 
 
 class Chain:
@@ -383,11 +383,11 @@ def exact_steps(
         steps.append((f"L of {place}", total))
         if any(k in own for k in "ABC"):
             local = rotation_xyz(*(own.get(k, zero) for k in "ABC"))
-            turned = turned @ conjugated(chain, place, local)
+            turned = multiplied(turned, conjugated(chain, place, local))
         reach = chain.lever(place)
         if i + 1 < len(places):
             reach = reach - chain.lever(places[i + 1])
-        total = total + np.einsum("nij,nj->ni", turned, reach) - reach
+        total = total + moved_by(turned, reach) - reach
         steps.append((f"R up to {place}", total))
     if FUNCTIONAL_POINT in by_place:
         own = by_place[FUNCTIONAL_POINT]
@@ -410,11 +410,30 @@ def conjugated(chain: Chain, place: str, local: F64) -> F64:
         return local
     if place not in chain._frames:
         eye = np.broadcast_to(np.eye(3), local.shape)
-        chain._frames[place] = np.swapaxes(eye if bed is None else bed, 1, 2) @ (
+        frame = np.swapaxes(eye if bed is None else bed, 1, 2) @ (
             eye if orientation is None else orientation
         )
+        chain._frames[place] = np.ascontiguousarray(frame.transpose(1, 2, 0)).transpose(2, 0, 1)
     frame = chain._frames[place]
-    return np.asarray(frame @ local @ np.swapaxes(frame, 1, 2))
+    return multiplied(multiplied(frame, local), np.swapaxes(frame, 1, 2))
+
+
+def multiplied(a: F64, b: F64) -> F64:
+    """``a @ b`` of (n, 3, 3); written out, entry by entry, it takes a third of NumPy's time."""
+    p, q = a.transpose(1, 2, 0), b.transpose(1, 2, 0)
+    out = p[:, 0, None] * q[None, 0]
+    out += p[:, 1, None] * q[None, 1]
+    out += p[:, 2, None] * q[None, 2]
+    return np.asarray(out.transpose(2, 0, 1))
+
+
+def moved_by(turn: F64, vector: F64) -> F64:
+    """``turn @ vector`` of (n, 3, 3) and (n, 3), for what `multiplied` made."""
+    p, v = turn.transpose(1, 2, 0), vector.T
+    out = p[:, 0] * v[0]
+    out += p[:, 1] * v[1]
+    out += p[:, 2] * v[2]
+    return np.asarray(out.T)
 
 
 def _apply(turn: F64 | None, vector: F64, n: int | None = None) -> F64:

@@ -11,7 +11,14 @@ from abbe.compcore.effects import ErrorMotion
 from abbe.compcore.effects.base import FUNCTIONAL_POINT, SPINDLE, WORKPIECE
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.kinematics import Chain, exact, first_order, rotation_xyz
+from abbe.compcore.machine.kinematics import (
+    Chain,
+    exact,
+    first_order,
+    moved_by,
+    multiplied,
+    rotation_xyz,
+)
 from abbe.compcore.machine.machine import Axis
 from tests.support.compcore.machines import machine, motions
 from tests.support.compcore.rigid_body import tool_error, turn
@@ -275,3 +282,10 @@ def test_unknown_places_are_refused():
     for ask in (chain.lever, lambda place: chain.influence(ErrorMotion(place, "A"))):
         with pytest.raises(InputError, match="no such place: found 'W', expected one of workpiece"):
             ask("W")
+
+
+def test_products_written_out_are_numpys():
+    rng = np.random.default_rng(3)
+    a, b, v = rng.normal(size=(5, 3, 3)), rng.normal(size=(5, 3, 3)), rng.normal(size=(5, 3))
+    np.testing.assert_allclose(multiplied(a, b), a @ b, rtol=1e-14, atol=1e-14)
+    np.testing.assert_allclose(moved_by(a, v), (a @ v[:, :, None])[:, :, 0], rtol=1e-14, atol=1e-14)
