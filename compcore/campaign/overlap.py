@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.alike import alike
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.machine.structure import is_rotary
 
@@ -72,8 +73,9 @@ def overlap(fitted: Campaign, unseen: Campaign, near: float = 0.0) -> Overlap:
     if near > 0.0 and not again.all():
         again |= _beside(fitted, unseen, axes, near)
     setup = unseen.conditions.setup
-    names = [] if setup is None else list(dict.fromkeys(setup.tolist()))
-    shared = [n for n in names if again[setup == n].all() or _same_placing(fitted, unseen, n, axes)]
+    parts = [] if setup is None else sorted(alike(setup), key=lambda rows: int(rows[0]))
+    named = [("" if setup is None else str(setup[rows[0]]), rows) for rows in parts]
+    shared = [n for n, rows in named if again[rows].all() or _same_placing(fitted, unseen, n, axes)]
     return Overlap(rows, unseen.n, tuple(shared))
 
 

@@ -13,6 +13,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.alike import alike
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.copied_rows import of_copies
 from abbe.compcore.campaign.likely_units import of_positions
@@ -230,9 +231,9 @@ def of_ratio(campaign: Campaign, measured: F64, predicted: F64, weight: F64) -> 
             yield f"{name}: {_SIGN} ({in_digits(whole)} times)"
         elif setup is not None:
             turned = [
-                str(one)
-                for one in dict.fromkeys(setup[rows].tolist())
-                if (_ratio(measured, predicted, weight, rows & (setup == one)) or 1.0) < -_TURNED
+                str(setup[own[0]])
+                for own in sorted(alike(setup), key=lambda r: int(r[0]))
+                if (_ratio(measured, predicted, weight, own[rows[own]]) or 1.0) < -_TURNED
             ]
             if turned:
                 yield f"{name}: {_SIGN} in the set-up{'s' * (len(turned) > 1)} {_list(turned)}"
@@ -247,7 +248,7 @@ _SIGN = (
 )
 
 
-def _ratio(measured: F64, predicted: F64, weight: F64, rows: NDArray[np.bool_]) -> float | None:
+def _ratio(measured: F64, predicted: F64, weight: F64, rows: NDArray[np.generic]) -> float | None:
     """Measured over predicted, where the two go together over some of the rows."""
     m, p = measured[rows] * weight[rows], predicted[rows] * weight[rows]
     if len(m) < _FEW or float(np.sqrt(np.mean(p**2))) < _SEEN:

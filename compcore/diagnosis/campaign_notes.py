@@ -37,7 +37,7 @@ def campaign_notes(diagnosis: Findings) -> Iterator[Sentence]:
     if axes := unsaid_approaches(campaign):
         yield said(
             "targets of {axes} are read from both sides, and no column says from which ({columns}: "
-            "1 upwards, −1 downwards): play and reversal were not looked for",
+            "1 towards plus, −1 towards minus): play and reversal were not looked for",
             axes=listed(axes),
             columns=listed([f"{axis}_dir" for axis in axes]),
         )

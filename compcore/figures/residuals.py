@@ -146,8 +146,8 @@ def along_axis(residuals: Residuals, axis: str) -> Figure:
     several = len(np.unique(component)) > 1
     traces = []
     for sign, name, colour in (
-        (1.0, f"{axis} approached upwards", COLOURS[0]),
-        (-1.0, f"{axis} approached downwards", COLOURS[1]),
+        (1.0, f"{axis} approached towards plus", COLOURS[0]),
+        (-1.0, f"{axis} approached towards minus", COLOURS[1]),
         (0.0, "not moved or unknown", GREY),
     ):
         for measured, symbol in _SYMBOLS.items():

@@ -22,6 +22,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.alike import alike
 from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.caution import Caution
@@ -113,8 +114,7 @@ def _spreads(result: FitResult) -> F64:
     aside = [outlier.row for outlier in result.set_aside]
     free[aside], square[aside] = 0.0, 0.0
     found = np.ones(campaign.n)
-    for name in campaign.setups:
-        rows = setup == name
+    for rows in alike(setup):
         own = square[rows].sum() + _LEAN * every
         found[rows] = np.sqrt(max(1.0, own / (max(free[rows].sum(), 0.0) + _LEAN)))
     return found

@@ -282,7 +282,7 @@ def _range(high: F64, low: F64) -> float | None:
 
 def _notes(runs: Runs) -> Sequence[str]:
     notes = []
-    for name, table in ((said("upwards"), runs.up), (said("downwards"), runs.down)):
+    for name, table in ((said("towards plus"), runs.up), (said("towards minus"), runs.down)):
         n = int(np.isfinite(table).sum(axis=1).max(initial=0))
         if n == 0:
             notes.append(said("not measured {way}", way=name))

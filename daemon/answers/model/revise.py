@@ -252,7 +252,7 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
     one, two = revision.holdout_before, revision.holdout_after
     if one is None or two is None:
         yield said(
-            "no --holdout campaign was given: whether unseen measurements agree is not known"
+            "no campaign was held out: whether measurements that were not fitted agree is not known"
         )
         return
     if revision.held_out is not None:

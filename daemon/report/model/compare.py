@@ -196,7 +196,7 @@ def where_of(group: ResidualGroup) -> str:
         ends = f"{number(parts.pop('from'))} … {number(parts.pop('to'))}"
         return " ".join([*(str(v) for v in parts.values()), ends])
     if "direction" in parts:
-        side = f"{parts['axis']} {'upwards' if parts['direction'] > 0 else 'downwards'}"
+        side = f"{parts['axis']} {'towards plus' if parts['direction'] > 0 else 'towards minus'}"
         measured = parts["measured"]
         return f"{side}, measured {'obliquely' if measured == 'oblique' else f'in {measured}'}"
     return " ".join(

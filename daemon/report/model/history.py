@@ -8,12 +8,15 @@ from typing import Any
 
 from abbe.compcore.files.model_file import summary
 from abbe.compcore.model.model import Model
-from abbe.compcore.sentences import said
+from abbe.compcore.sentences import Sentence, said
 from abbe.daemon.answers.typed import fitting
 from abbe.daemon.report.campaign_courses import course_figure, courses_of
 from abbe.daemon.report.head import file_on_page, head_of
 from abbe.daemon.report.page import Page, number
 from abbe.daemon.report.versions import change, error_of_versions, floor_of, number_of
+
+HOLD_OUT = said("To hold one out, give abbe add a --holdout campaign.")
+"""How a campaign is held out by a command."""
 
 
 def versions_of(model: Model) -> list[dict[str, Any]]:
@@ -48,7 +51,7 @@ def history_page(model: Model, versions: Sequence[Mapping[str, Any]], file: Path
         page.text(f"This model has not been fitted yet: {fitting(file)}")
     else:
         _key_figures(page, versions)
-        page.notes(warnings_of(versions), warning=True)
+        page.notes(warnings_of(versions, HOLD_OUT), warning=True)
         _picture(page, versions)
         _table(page, versions)
         _measurements(page, versions)
@@ -122,8 +125,14 @@ def _picture(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
     )
 
 
-def warnings_of(versions: Sequence[Mapping[str, Any]]) -> list[str]:
-    """What the errors of the versions do not say."""
+def warnings_of(versions: Sequence[Mapping[str, Any]], hold_out: Sentence) -> list[str]:
+    """What the errors of the versions do not say.
+
+    Parameters
+    ----------
+    hold_out
+        How a person holds a campaign out here: a command, or what to click.
+    """
     notes: list[str] = []
     fitted = [k for k, r in enumerate(versions, start=1) if number_of(r, "rms") is not None]
     if fitted and fitted[-1] < len(versions):
@@ -137,9 +146,10 @@ def warnings_of(versions: Sequence[Mapping[str, Any]]) -> list[str]:
         notes.append(
             said(
                 "No version was laid beside measurements that were not fitted: whether the model "
-                "predicts the machine is not known. Give abbe add a --holdout campaign."
+                "predicts the machine is not known."
             )
         )
+        notes.append(hold_out)
     for key, name in (("campaigns", "fitted"), ("holdout", "held-out")):
         reported = [_digests(r, key) for r in versions if key in r]
         if len({frozenset(d) for d in reported}) > 1:

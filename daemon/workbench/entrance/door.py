@@ -15,6 +15,7 @@ from collections.abc import Callable, Mapping
 from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs
 
+from starlette.exceptions import HTTPException
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -34,6 +35,10 @@ _MOST = 64
 
 NO_SESSION = {"abbe-session": "none"}
 """Of an answer to a browser that has not entered, or whose session is over."""
+_OVER = (
+    "This browser has not entered, or has done nothing for too long. Open the address that the "
+    "terminal shows, in which 'abbe open' runs. Each is good for one browser."
+)
 HEADERS = {
     # Plotly lays its pictures out by styles of its own; no script but the files of this server runs
     "content-security-policy": "default-src 'none'; script-src 'self'; style-src 'self' "
@@ -118,7 +123,7 @@ class WorkbenchDoor:
             return
         scope = {**scope, BROWSER: self._numbers.get(session, 0)}
         if scope["method"] == "POST" and scope["path"] in STREAMED:
-            await self._app(scope, receive, with_headers)
+            await self._app(scope, self._while_it_lives(session, receive), with_headers)
             return
         try:
             async with asyncio.timeout(BODY_WITHIN):
@@ -142,6 +147,7 @@ class WorkbenchDoor:
         for name, value in scope["headers"]:
             headers.setdefault(name.decode("latin-1"), []).append(value.decode("latin-1"))
         host = headers.get("host", [])
+        own = [f"http://{h}" for h in host]
         if len(host) != 1 or host[0] not in self._hosts:
             return _no(421, "this is the workbench of Abbe on 127.0.0.1, and answers to no name")
         if scope["method"] not in ("GET", "HEAD", "POST"):
@@ -149,17 +155,14 @@ class WorkbenchDoor:
         if scope["path"] == ENTRANCE and scope["method"] == "GET":
             return self._enter(scope)
         if not self._lives(session):
-            return _no(
-                403,
-                "This browser has not entered, or has done nothing for too long. Open the address "
-                "that the terminal shows, in which 'abbe open' runs. Each is good for one browser.",
-                NO_SESSION,
-            )
+            return _no(403, _OVER, NO_SESSION)
+        if headers.get("origin", own) != own:
+            # another port of this computer is the same site: its pages send the cookie along
+            return _no(403, "only pages of this workbench ask anything")
         if scope["method"] == "POST":
-            own = f"http://{host[0]}"
             kind = headers.get("content-type", [""])[0].partition(";")[0].strip().lower()
             wanted = STREAMED.get(scope["path"], "application/json")
-            if headers.get("origin") != [own] or kind != wanted:
+            if headers.get("origin") != own or kind != wanted:
                 return _no(403, "only pages of this workbench change anything")
         if scope["method"] == "POST" or scope["path"] == "/":
             # a person did this: a page looks with GET by itself
@@ -200,6 +203,17 @@ class WorkbenchDoor:
             s for s in self._sessions if secrets.compare_digest(mine.value.encode(), s.encode())
         ]
         return known[0] if known else ""
+
+    def _while_it_lives(self, session: str, receive: Receive) -> Receive:
+        """What is sent, as long as the session is not over: not even the last piece after it."""
+
+        async def next_piece() -> Message:
+            message = await receive()
+            if not self._lives(session):
+                raise HTTPException(403, _OVER, {**NO_SESSION, "connection": "close"})
+            return message
+
+        return next_piece
 
     def _lives(self, session: str) -> bool:
         """Whether a session is not over."""

@@ -15,6 +15,11 @@ from abbe.daemon.report.versions import change, number_of
 from abbe.daemon.workbench.versions.folder import ModelVersion
 from abbe.daemon.workbench.versions.journal import Entry
 
+_HOLD_OUT = said(
+    "To hold one out: under “1 Compare” open “Campaigns”, choose “held out” for it, then click "
+    "“Compare with these”."
+)
+
 
 def watched(
     versions: Sequence[ModelVersion],
@@ -54,7 +59,7 @@ def watched(
     found = {
         "title": _title(records, present),
         "said": list(added),
-        "warnings": warnings_of(records) if any(records) else [],
+        "warnings": warnings_of(records, _HOLD_OUT) if any(records) else [],
         "columns": ["Version", "Change", "Fitted, µm", "Held out, µm", "Noise floor, µm", "Date",
                     "File"],
         "cells": in_words(rows, 3),

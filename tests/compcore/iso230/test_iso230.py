@@ -58,8 +58,8 @@ def test_a_worked_example(tmp_path):
     for name, um in by_hand.items():
         assert getattr(r, name) == pytest.approx(um * 1e-3), name
     assert r.notes == (
-        "3 runs upwards, the standard asks for 5",
-        "3 runs downwards, the standard asks for 5",
+        "3 runs towards plus, the standard asks for 5",
+        "3 runs towards minus, the standard asks for 5",
         "3 targets, the standard asks for at least 5",
     )
 
@@ -100,7 +100,7 @@ def test_one_run_says_nothing_of_repeatability(tmp_path):
     assert r.B == pytest.approx(5e-3)  # run 1: ↑ 0 3 6, ↓ 4 5 1
     assert r.E == pytest.approx(6e-3)
     assert r.M == pytest.approx(2e-3)
-    assert "1 run upwards, the standard asks for 5" in r.notes
+    assert "1 run towards plus, the standard asks for 5" in r.notes
 
 
 def test_one_direction_only(tmp_path):
@@ -108,7 +108,7 @@ def test_one_direction_only(tmp_path):
     r = evaluate_positioning(*positioning_runs(read_text(tmp_path, "\n".join(lines)), CMM))
     assert (r.A, r.R, r.B, r.E, r.M, r.A_down) == (None,) * 6
     assert r.A_up == pytest.approx(7e-3)
-    assert "not measured downwards" in r.notes
+    assert "not measured towards minus" in r.notes
 
 
 def test_a_reading_missed_in_one_run(tmp_path):
@@ -117,7 +117,7 @@ def test_a_reading_missed_in_one_run(tmp_path):
     r = evaluate_positioning(*positioning_runs(read_text(tmp_path, "\n".join(lines)), CMM))
     assert r.mean_up[1] == pytest.approx(4.5e-3)
     assert r.s_up[1] == pytest.approx(np.sqrt(0.5) * 1e-3)
-    assert "not every target was read in every run upwards" in r.notes
+    assert "not every target was read in every run towards plus" in r.notes
 
 
 @pytest.mark.parametrize(

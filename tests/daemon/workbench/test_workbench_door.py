@@ -199,6 +199,16 @@ def test_what_a_browser_keeps_has_another_address_in_another_abbe(bench: OpenedW
         assert bench.ask("GET", path).status == 200, path
 
 
+@pytest.mark.parametrize("path", ["/api/live", "/api/state", "/"])
+@pytest.mark.parametrize("origin", ["http://127.0.0.1:1", "https://example.org", "null"])
+def test_a_page_of_another_port_is_not_answered(
+    bench: OpenedWorkbench, path: str, origin: str
+) -> None:
+    """It is the same site to a browser, which sends the cookie along."""
+    assert bench.ask("GET", path, origin=origin).status == 403
+    assert bench.ask("GET", "/api/state", origin=bench.origin).status == 200
+
+
 def test_it_listens_on_this_computer_alone(bench: OpenedWorkbench) -> None:
     for host in ("127.0.0.2", socket.gethostbyname(socket.gethostname())):
         if host != "127.0.0.1":

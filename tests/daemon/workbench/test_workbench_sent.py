@@ -11,10 +11,14 @@ import time
 import zipfile
 from collections.abc import AsyncIterator, Iterator
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import pytest
-from fastapi import HTTPException
+from fastapi import HTTPException, Request
+from starlette.applications import Starlette
+from starlette.responses import PlainTextResponse
+from starlette.routing import Route
 
 from abbe.daemon.workbench.campaigns import received as taken
 from abbe.daemon.workbench.entrance import door
@@ -176,6 +180,43 @@ def test_a_body_that_drips_is_cut_off(monkeypatch: pytest.MonkeyPatch) -> None:
     asyncio.run(asyncio.wait_for(gate(scope, receive, reply), 20.0))  # type: ignore[arg-type]
     assert said[0]["status"] == 408
     assert (b"connection", b"close") in said[0]["headers"]  # type: ignore[operator]
+
+
+def test_what_is_begun_in_a_session_is_not_finished_after_it(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """The last piece comes when the session is over: refused, and nothing of the file stays."""
+    now = 1e6
+    monkeypatch.setattr(door.time, "monotonic", lambda: now)
+    said: list[Any] = []
+
+    async def kept(request: Request) -> PlainTextResponse:
+        path = await taken.received(request.stream(), tmp_path, "day.csv")
+        return PlainTextResponse(path.name)
+
+    waiting = [b"time,setup\n", b"0.5,x1\n"]
+
+    async def receive() -> dict[str, object]:
+        nonlocal now
+        piece = waiting.pop(0)
+        now += 0.0 if waiting else 101.0
+        return {"type": "http.request", "body": piece, "more_body": bool(waiting)}
+
+    async def reply(message: Any) -> None:
+        said.append(message)
+
+    inside = Starlette(routes=[Route(PLACE, kept, methods=["POST"])])
+    gate = door.WorkbenchDoor(inside, 1, lambda _: None, session=100.0 / 3600.0)
+    gate._sessions["known"] = now + 100.0
+    scope = {
+        "type": "http", "method": "POST", "path": PLACE, "query_string": b"", "root_path": "",
+        "headers": [(b"host", b"127.0.0.1:1"), (b"cookie", b"abbe-1=known"),
+                    (b"origin", b"http://127.0.0.1:1"), (b"content-type", b"text/csv")],
+    }  # fmt: skip
+    asyncio.run(asyncio.wait_for(gate(scope, receive, reply), 20.0))
+    assert said[0]["status"] == 403
+    assert (b"abbe-session", b"none") in said[0]["headers"]
+    assert files(tmp_path) == []
 
 
 def test_a_refused_connection_is_closed(bench: OpenedWorkbench) -> None:

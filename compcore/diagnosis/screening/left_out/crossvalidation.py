@@ -24,6 +24,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.alike import alike
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.machine.conditions import Conditions
 
@@ -177,9 +178,7 @@ def clock_order(conditions: Conditions) -> F64:
 def setup_rows(conditions: Conditions) -> list[Index]:
     """The rows of each set-up."""
     names = np.zeros(conditions.n, dtype="<U1") if conditions.setup is None else conditions.setup
-    unique, inverse = np.unique(names, return_inverse=True)
-    inverse = inverse.reshape(-1)
-    return [np.flatnonzero(inverse == i) for i in range(len(unique))]
+    return alike(names)
 
 
 def _by_visit(conditions: Conditions, rows: Index) -> list[Index]:

@@ -12,8 +12,8 @@ export function legend() {
   const mark = (sign, side, words) => el("span", {},
     el("b", {class: side}, sign), ` ${words}`);
   return el("p", {class: "legend"},
-    mark("▲", "minus", t("the axis came from the minus side, upwards")),
-    mark("▼", "plus", t("from the plus side, downwards")),
+    mark("▲", "minus", t("the axis came from the minus side, moving towards plus")),
+    mark("▼", "plus", t("from the plus side, moving towards minus")),
     mark("●", "still", t("it stood still, or this is not known")),
     el("span", {}, t("Thick lines: means.")), " ",
     el("span", {class: "how"}, t("Drag over points: they show in all pictures.")));

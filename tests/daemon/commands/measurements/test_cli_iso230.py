@@ -60,7 +60,7 @@ def test_text(abbe, campaign):
     assert status == 0
     (row,) = (line for line in out.splitlines() if line.startswith("X  x_pos"))
     assert " ".join(row.split()[2:]) == "9.0 7.0 9.0 8.0 4.0 8.0 5.0 5.0 3.0 2.5 3.0 -0.7 µm"
-    assert "3 runs upwards, the standard asks for 5" in out
+    assert "3 runs towards plus, the standard asks for 5" in out
 
 
 def test_report(abbe, campaign, tmp_path):

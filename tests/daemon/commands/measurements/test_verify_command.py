@@ -159,7 +159,7 @@ def test_a_figure_that_the_runs_do_not_give_is_not_passed(shop, tmp_path):
     done, found = verified(shop, once, "--active", shop / "m.toml", "--tolerance", "A=50um")
     assert done.status == 4
     assert found["tolerances"][0]["value"] is None
-    assert "1 run upwards" in found["tolerances"][0]["reason"]
+    assert "1 run towards plus" in found["tolerances"][0]["reason"]
 
 
 def test_lengths_against_a_maximum_permissible_error(shop):
