@@ -194,7 +194,7 @@ def of_chi2(
     elif chi2_per_dof > _MUCH and repeats:
         yield said(
             "{of} is {chi2}: what is left is {times} times the scatter of repeated readings. The "
-            "model lacks something (abbe diagnose), or a sign or a unit is wrong",
+            "model lacks something, or a sign or a unit is wrong",
             of=of,
             chi2=in_digits(chi2_per_dof),
             times=in_digits(times),
@@ -202,7 +202,7 @@ def of_chi2(
     elif chi2_per_dof > _MUCH:
         yield said(
             "{of} is {chi2}: what is left is {times} times the stated "
-            "uncertainties. The model lacks something (abbe diagnose), a sign or a unit is wrong, "
+            "uncertainties. The model lacks something, a sign or a unit is wrong, "
             "or the uncertainties are too small",
             of=of,
             chi2=in_digits(chi2_per_dof),

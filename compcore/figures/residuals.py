@@ -21,6 +21,7 @@ from abbe.compcore.figures.figure import (
     line,
     points,
 )
+from abbe.compcore.figures.means import mean_line
 from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
@@ -240,5 +241,7 @@ def _scatter(traces: list[dict[str, Any]], x: str, unit: str) -> Figure:
 def _running_mean(x: F64, y: F64, parts: int = 20) -> tuple[F64, F64] | None:
     if len(x) < 4 * parts or np.ptp(x) == 0.0:
         return None
-    order = np.array_split(np.argsort(x, kind="stable"), parts)
-    return np.array([x[i].mean() for i in order]), np.array([y[i].mean() for i in order])
+    part = np.empty(len(x), dtype=np.int64)
+    part[np.argsort(x, kind="stable")] = np.arange(len(x)) * parts // len(x)
+    line_ = mean_line(x, y, part, parts)
+    return (np.array([at for at, _ in line_]), np.array([v for _, v in line_])) if line_ else None

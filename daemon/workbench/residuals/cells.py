@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign
+from abbe.compcore.figures.means import mean_line
 from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
@@ -40,7 +41,8 @@ class CellPicture:
     ends
         What lies across, at the left and at the right.
     means
-        For each of `SIDES` what lies across and the mean residual, of each part that has rows.
+        For each of `SIDES` what lies across and the mean residual, of each part that has rows, as
+        `abbe.compcore.figures.means` draws it.
     """
 
     rows: NDArray[np.int32]
@@ -119,8 +121,10 @@ def cell_picture(
     if panel["by"] == "axis":
         # the order of SIDES
         side = campaign.conditions.direction(panel["axis"])[rows].astype(np.int64) % 3
+    # set-ups are beside one another by chance
+    means = [[] for _ in SIDES] if panel["by"] == "setup" else _means(x, y, side, ends)
     cell = (side * UP + row) * ACROSS + column
-    return CellPicture(rows.astype(np.int32), cell.astype(np.int32), ends, _means(x, y, side, ends))
+    return CellPicture(rows.astype(np.int32), cell.astype(np.int32), ends, means)
 
 
 def _ends(x: F64) -> tuple[float, float]:
@@ -145,10 +149,6 @@ def _means(
         if mine.sum() < _FEWEST:
             found.append([])
             continue
-        n = np.bincount(part[mine], minlength=_PARTS)
-        has = n > 0
-        at, mean = (
-            np.bincount(part[mine], v[mine], minlength=_PARTS)[has] / n[has] for v in (x, y)
-        )
-        found.append(list(zip(at.round(6).tolist(), mean.round(4).tolist(), strict=True)))
+        line = mean_line(x[mine], y[mine], part[mine], _PARTS)
+        found.append([(round(at, 6), round(mean, 4)) for at, mean in line])
     return found

@@ -90,10 +90,20 @@ def test_every_row_is_counted_where_it_lies(whole: Any, many: Any) -> None:
             # what lies on an edge, rounded as it was sent, may be counted beside it
             off = np.abs(found.reshape(up, across) - true).sum()
             assert off <= 0.04 * mine.sum() + 4, panel["title"]
-            if mine.sum() >= 6:
+            if mine.sum() >= 6 and cells["means"][k]:
                 points = np.array(cells["means"][k])
                 assert points[:, 1].min() >= value[mine].min()
                 assert points[:, 1].max() <= value[mine].max()
+
+
+def test_means_are_drawn_where_there_are_any(many: Any) -> None:
+    """The bridge's lines go up and down more than chance does; set-ups have no order."""
+    _, some = many
+    drawn_ = {p["by"]: [] for p in some["panels"]}  # type: ignore[var-annotated]
+    for panel, cells in zip(some["panels"], some["cells"], strict=True):
+        drawn_[panel["by"]].append(any(cells["means"]))
+    assert any(drawn_["axis"])
+    assert not any(drawn_["setup"])
 
 
 def test_a_box_chooses_among_all_rows(whole: Any, many: Any) -> None:

@@ -15,7 +15,7 @@ export function legend() {
     mark("▲", "minus", t("the axis came from the minus side, moving towards plus")),
     mark("▼", "plus", t("from the plus side, moving towards minus")),
     mark("●", "still", t("it stood still, or this is not known")),
-    el("span", {}, t("Thick lines: means.")), " ",
+    el("span", {}, t("Thick lines: means, where they say more than chance.")), " ",
     el("span", {class: "how"}, t("Drag over points: they show in all pictures.")));
 }
 

@@ -2,6 +2,7 @@
 import {label, t} from "../shared/language.js";
 import {Density} from "./density.js";
 import {el, number} from "../shared/dom.js";
+import {meanLine} from "./means.js";
 import {drawnAsItIsWide, line, placeOf, roomOf, sharp} from "../shared/space.js";
 import {colours, onColours} from "../shared/theme.js";
 
@@ -123,18 +124,16 @@ export class Scatter {
     pen.fill();
   }
 
-  /** The mean of each side, along the picture. */
+  /** The mean of each side, along the picture; set-ups are beside one another by chance. */
   #means(pen, values) {
+    if (!this.label) return;
     this.#curves(pen, ORDER.map((side) => {
       const own = this.indices.filter((i) => (this.side[i] ?? 0) === side && values[i] !== null);
       if (own.length < 6) return [];
-      const sums = Array.from({length: PARTS}, () => [0, 0, 0]);
-      for (const i of own) {
-        const k = Math.min(PARTS - 1,
-          Math.floor(((this.x[i] - this.low) / (this.high - this.low)) * PARTS));
-        sums[k][0] += this.x[i]; sums[k][1] += values[i]; sums[k][2] += 1;
-      }
-      return sums.filter(([, , n]) => n).map(([x, v, n]) => [x / n, v / n]);
+      const x = own.map((i) => this.x[i]);
+      const part = x.map((at) => Math.min(PARTS - 1,
+        Math.floor(((at - this.low) / (this.high - this.low)) * PARTS)));
+      return meanLine(x, own.map((i) => values[i]), part, PARTS);
     }));
   }
 
