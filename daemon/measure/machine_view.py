@@ -22,6 +22,8 @@ from abbe.drivers.link import Link
 _OPEN_WITHIN = 5.0
 """s that a link is given to open; it goes on trying afterwards."""
 _CLOSE_WITHIN = 2.0
+_ANSWERS_WITHIN = 0.1
+"""s that a look waits for instruments on links of their own: positions must not get old by them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +93,14 @@ class MachineView:
         self._instruments = tuple(instruments.values())
         fast = {(link, name) for link, names in plan.fast.items() for name in names}
         fast -= {channel for channel, _ in plan.echo}
-        wanted = [*sorted(fast), *(c for i in self._instruments for c in i.channels)]
-        self._fast = Poll(links, by_link(wanted))
+        positioning = {link for link, _ in fast}
+        read = dict.fromkeys(c for i in self._instruments for c in i.channels)
+        wanted = [*sorted(fast), *read]
+        self._fast = Poll(links, by_link(c for c in wanted if c[0] in positioning))
+        self._own = Poll(links, by_link(c for c in read if c[0] not in positioning))
+        self._own_links = {link for link, _ in read} - positioning
+        self._own_batch: Batch = {}
+        self._asked: asyncio.Task[Batch] | None = None
         self._slow = Poll(links, plan.slow)
         self._slow_batch: Batch = {}
         opened = {*by_link(wanted), *plan.slow}
@@ -132,14 +140,15 @@ class MachineView:
 
     async def close(self) -> None:
         """Close it all."""
-        if self._task is not None:
-            self._task.cancel()
-            await asyncio.gather(self._task, return_exceptions=True)
+        running = [task for task in (self._task, self._asked) if task is not None]
+        for task in running:
+            task.cancel()
+        await asyncio.gather(*running, return_exceptions=True)
         await asyncio.gather(*(self._close(link) for link in self.links.values()))
 
     async def look(self) -> SeenMachine:
         """Look once; the instruments take in what they have read."""
-        batch = await self._fast()
+        batch, answered = await self._read_all()
         now = time.monotonic()
         values, faults = self._positions(batch, now)
         directions = self._directions(values, batch, faults)
@@ -152,6 +161,9 @@ class MachineView:
             self._signals_due = now + self._signals_every
             self._signals({**batch, **self._slow_batch}, now)
         for instrument in self._instruments:
+            if not answered and any(link in self._own_links for link, _ in instrument.channels):
+                instrument.wait(now)
+                continue
             reconnects = sum(
                 self.links[link].status.reconnects for link, _ in set(instrument.channels)
             )
@@ -167,6 +179,20 @@ class MachineView:
             self._signals.readings,
             unseen,
         )
+
+    async def _read_all(self) -> tuple[Batch, bool]:
+        """What was read, and whether the instruments on links of their own have answered."""
+        if not self._own_links:
+            return await self._fast(), True
+        if self._asked is None:
+            self._asked = asyncio.create_task(self._own())
+        asked, until = self._asked, time.monotonic() + _ANSWERS_WITHIN
+        batch = await self._fast()
+        left = max(0.0, until - time.monotonic()) if self._own_batch else None
+        answered = bool((await asyncio.wait({asked}, timeout=left))[0])
+        if answered:
+            self._own_batch, self._asked = asked.result(), None
+        return {**batch, **self._own_batch}, answered
 
     async def _read_slowly(self) -> None:
         while True:

@@ -43,17 +43,23 @@ OFF_UM = 0.6
 
 @contextmanager
 def shop(
-    folder: Path, *, late: float = 0.0, factor: float = 1.0, nudge: float = 0.05
+    folder: Path,
+    *,
+    late: float = 0.0,
+    factor: float = 1.0,
+    nudge: float = 0.05,
+    garbled: float = 0.0,
 ) -> Iterator[tuple[SimulatedProcess, MeasureRun, Driver]]:
     shutil.copy(MODEL, folder / "model.toml")
     plan = write_plan(folder / "plan.toml", LINE)
     text = plan.read_text("utf-8")
     plan.write_text(text.replace("beyond = 2\n", f"beyond = 2\nnudge = {nudge}\n"), "utf-8")
     with bench() as process:
-        read_out = BadReadOut(process.ready["laser"], late, factor)
+        read_out = BadReadOut(process.ready["laser"], late, factor, garbled)
         with read_out.served():
             config = configuration(process.ready, folder)
             text = config.read_text("utf-8").replace(process.ready["laser"], read_out.port)
+            text = text.replace("incremental = true", "incremental = false")
             config.write_text(text, "utf-8")
             with measuring(plan, config, folder / "campaign.csv") as run:
                 run.until(lambda e: e["event"] == "next")
@@ -125,3 +131,15 @@ def test_one_that_is_late_by_seconds_gives_no_row_of_the_target_before(
         assert found.n
         # 2 stated uncertainties are no change; they count against each other in the line
         assert off(process, found) < 2.0 * 0.8 + OFF_UM
+
+
+def test_of_a_line_that_garbles_two_answers_of_five_the_others_count(tmp_path: Path) -> None:
+    with shop(tmp_path, garbled=0.4) as (process, run, machine):
+        machine.all()
+        assert run.wait() == 0, run.said
+        # the machine's positions are read on, however long the instrument is waited for
+        assert not [e for e in run.events if "no position" in e["text"]]
+        assert any("~#" in e["text"] for e in run.kinds("unsteady"))
+        found = campaign_of(tmp_path)
+        assert found.n == 8
+        assert off(process, found) < OFF_UM

@@ -80,6 +80,11 @@ class Instrument:
         """What it is read from, for people."""
         return ", ".join(self.section.sources)
 
+    @property
+    def there(self) -> bool:
+        """Whether it has been read since it was interrupted last."""
+        return self._there
+
     def take(self, batch: Batch, now: float, reconnects: int) -> None:
         """Take a look's samples in.
 
@@ -126,6 +131,11 @@ class Instrument:
         samples = [batch[link][name] for link, name in self._sources]
         self.values = tuple(self._factor * s.value for s in samples)
         self.time = min((s.time for s in samples), default=now)
+
+    def wait(self, now: float) -> None:
+        """Note that it has not answered yet; a reading that is too old is none."""
+        if not self.problem and now - self.time > self.section.stale_after:
+            self.problem, self.values = f"its reading is {now - self.time:.1f} s old", ()
 
     def _interrupted(self) -> None:
         self.interruptions += 1

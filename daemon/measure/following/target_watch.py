@@ -98,6 +98,7 @@ class TargetWatch:
         self._afterwards = Afterwards(limits)
         self._settle = limits.settle
         self._arrived = 0.0
+        self._interruptions = 0
 
     @property
     def at(self) -> int | None:
@@ -163,6 +164,12 @@ class TargetWatch:
 
     def _read(self, seen: SeenMachine, instrument: Instrument, visits: SetupVisits) -> Outcome:
         assert self._visit is not None  # noqa: S101 - `step` saw to it
+        if instrument.problem and instrument.there:
+            # an answer that cannot be read takes nothing from those that can
+            return self._say(instrument.problem)
+        if instrument.interruptions != self._interruptions:
+            self._interruptions = instrument.interruptions
+            self._begin(seen.time + self._settle)
         missing = instrument.problem or missing_signal(seen, self._limits.signals_held)
         if not missing and self._lively.frozen:
             missing = f"{instrument.name} reads the very same again and again: does it measure?"

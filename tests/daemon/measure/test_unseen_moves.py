@@ -55,7 +55,7 @@ class Laser:
     """Reads the target itself, without error."""
 
     problem, angle, time, values = "", False, 0.0, ()
-    unsure, scatter = 1e-3, 0.0
+    unsure, scatter, interruptions = 1e-3, 0.0, 0
     section = InstrumentSection(source="a.b", reads="length")
 
     def sd(self, setup, target):

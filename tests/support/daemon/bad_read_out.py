@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import pty
+import random
 import re
 import termios
 import threading
@@ -34,6 +35,8 @@ class BadReadOut:
         s by which it is late.
     factor
         By which it multiplies what it shows.
+    garbled
+        Part of its answers that the line makes unreadable.
     port
         Where it is read.
     """
@@ -41,8 +44,10 @@ class BadReadOut:
     source: str
     late: float = 0.0
     factor: float = 1.0
+    garbled: float = 0.0
     port: str = ""
     _said: deque[tuple[float, str]] = field(default_factory=deque)
+    _chance: random.Random = field(default_factory=lambda: random.Random(1))
     _stop: threading.Event = field(default_factory=threading.Event)
 
     @contextmanager
@@ -91,7 +96,8 @@ class BadReadOut:
                 time.sleep(0.005)
                 continue
             for _ in range(asked):
-                os.write(master, (self._shown() + "\r\n").encode())
+                shown = "\x7f~#" if self._chance.random() < self.garbled else self._shown()
+                os.write(master, (shown + "\r\n").encode())
 
     def _shown(self) -> str:
         due = time.monotonic() - self.late
