@@ -99,7 +99,7 @@ class TargetTaking:
             return False
         target = int(course.here.order[visit])
         found = self._nudged(instrument, place, read.reading.values, visit)
-        if not found:
+        if found is None:
             return False
         nominal = instrument.nominal(setup, place)
         time = self._clock + seen.time
@@ -157,8 +157,8 @@ class TargetTaking:
         place: Mapping[str, float],
         values: tuple[float, ...],
         visit: int,
-    ) -> tuple[float, ...]:
-        """What counts of a reading; nothing at the nudge, and while what it showed is in doubt."""
+    ) -> tuple[float, ...] | None:
+        """What counts of a reading; None at the nudge, and while what it showed is in doubt."""
         nudge, course = self._nudge, self._course
         setup = course.setup
         if instrument.section.reads != "error" or not nudge.wanted(setup):
@@ -168,7 +168,7 @@ class TargetTaking:
             if nudge.take_end(setup, place, values):
                 words = f"{instrument.name} was read where the machine stood aside of the line"
                 self._news.event("note", f"{words}: back to the first target")
-            return ()
+            return None
         if first and (follows := nudge.judge(setup, instrument, place, values)):
             self._news.event("note", follows)
         doubt = ""
@@ -183,7 +183,7 @@ class TargetTaking:
             )
         if doubt:
             self._news.event("doubt", f"{instrument.name} {doubt}; this target is not kept")
-            return ()
+            return None
         # it shows where the machine stands across the line, and that is indicated
         aside = nudge.aside(setup, place)
         return tuple(v - a for v, a in zip(values, aside, strict=True))
