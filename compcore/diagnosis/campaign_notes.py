@@ -35,12 +35,20 @@ def campaign_notes(diagnosis: Findings) -> Iterator[Sentence]:
     if coarse := stepping(diagnosis):
         yield coarse
     if axes := unsaid_approaches(campaign):
-        yield said(
-            "targets of {axes} are read from both sides, and no column says from which ({columns}: "
-            "1 towards plus, −1 towards minus): play and reversal were not looked for",
-            axes=listed(axes),
-            columns=listed([f"{axis}_dir" for axis in axes]),
-        )
+        named, columns = listed(axes), listed([f"{axis}_dir" for axis in axes])
+        if campaign.clocked:
+            yield said(
+                "targets of {axes} are read from both sides, and no column says from which "
+                "({columns}: 1 towards plus, −1 towards minus): play and reversal were not looked for",
+                axes=named, columns=columns,
+            )  # fmt: skip
+        else:
+            yield said(
+                "if the rows are in the order in which they were read, targets of {axes} are read "
+                "from both sides, and no column says from which ({columns}: 1 towards "
+                "plus, −1 towards minus): play and reversal were not looked for",
+                axes=named, columns=columns,
+            )  # fmt: skip
     if unread := undeclared(whole.model.machine, campaign.conditions):
         yield unread
 

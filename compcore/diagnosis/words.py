@@ -51,6 +51,11 @@ def uncertainty_stated(diagnosis: Findings) -> bool:
     return bool(np.isfinite(diagnosis.whole.problem.campaign.sd).any())
 
 
+def judged(diagnosis: Findings, floor: float | None) -> bool:
+    """Whether what is left can be held against anything: stated uncertainties, or repeats."""
+    return uncertainty_stated(diagnosis) or floor is not None
+
+
 LARGE_ANGLES = said(
     "angles as large as this do not add up: what else is missing is asked again once it is added. "
     "--apply composes errors in full from there on; in a model of your own write "
@@ -103,9 +108,9 @@ def diagnosis_words(
         yield _more_than_noise(diagnosis)
     elif diagnosis.verdict == "complete" and beyond_repeats(diagnosis, noise):
         yield said(
-            "complete: no cause can be established; but what is left is more than the scatter of "
-            "repeated readings ({floor} {unit}): too few independent rows, or these were taken in "
-            "too short a time.",
+            "complete: no further cause can be established; but what is left is more than the "
+            "scatter of repeated readings ({floor} {unit}): too few independent rows, or these "
+            "were taken in too short a time.",
             floor=f"{(floor or 0.0) * factor:.2f}",
             unit=unit,
         )
@@ -115,6 +120,11 @@ def diagnosis_words(
         yield said("missing: {names}.", names=names)
         if diagnosis.large_angles:
             yield LARGE_ANGLES
+    elif likely is None and diagnosis.verdict == "complete" and not judged(diagnosis, floor):
+        yield said(
+            "complete: no further cause can be established. Whether what is left is noise this "
+            "campaign cannot say: no uncertainty is stated, and nothing was read twice."
+        )
     elif likely is None:
         yield _SAID[diagnosis.verdict]
     if likely is not None:
@@ -185,15 +195,15 @@ def _more_than_noise(diagnosis: Findings) -> Sentence:
     chi2 = in_digits(diagnosis.whole.chi2_per_dof)
     if uncertainty_stated(diagnosis):
         return said(
-            "complete: no cause can be established; but what is left is more than the stated "
-            "uncertainty (χ² per degree of freedom {chi2}): too few independent rows, or it was "
-            "stated too small.",
+            "complete: no further cause can be established; but what is left is more than the "
+            "stated uncertainty (χ² per degree of freedom {chi2}): too few independent rows, or it "
+            "was stated too small.",
             chi2=chi2,
         )
     return said(
-        "complete: no cause can be established; but what is left is more than the scatter of "
-        "repeated readings (χ² per degree of freedom {chi2}): too few independent rows, or these "
-        "were taken in too short a time.",
+        "complete: no further cause can be established; but what is left is more than the scatter "
+        "of repeated readings (χ² per degree of freedom {chi2}): too few independent rows, or "
+        "these were taken in too short a time.",
         chi2=chi2,
     )
 

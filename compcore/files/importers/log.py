@@ -27,6 +27,7 @@ from abbe.compcore.files.importers.placing import (
 from abbe.compcore.files.importers.sheets.logged import (
     LoggedColumn,
     clock_of,
+    column_name,
     columns_of,
     is_axis,
     numbers_of,
@@ -174,7 +175,7 @@ def _placed(
 def _measured(
     columns: Mapping[str, LoggedColumn], asked: Mapping[str, LoggedReading] | None, sheet: Sheet
 ) -> dict[str, LoggedReading]:
-    named = asked or {
+    named = {column_name(name): what for name, what in (asked or {}).items()} or {
         name: LoggedReading(_ERRORS[split_unit(name)[0]])
         for name in columns
         if split_unit(name)[0] in _ERRORS
@@ -194,4 +195,4 @@ def _measured(
             expected="columns called dX dY dZ (along) or dA dB dC (about X Y Z), "
             "or --measured COLUMN=Z",
         )
-    return dict(named)
+    return named

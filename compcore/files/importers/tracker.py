@@ -23,6 +23,7 @@ from abbe.compcore.files.importers.placing import ForeignPlacing, Readings, plac
 from abbe.compcore.files.importers.sheets.logged import (
     LoggedColumn,
     clock_of,
+    column_name,
     columns_of,
     is_axis,
     numbers_of,
@@ -226,7 +227,7 @@ def stand(chain: Chain, seen: F64, tool: F64, *, free: bool) -> TrackerPose:
 def _points(
     columns: Mapping[str, LoggedColumn], measured: Sequence[str] | None, sheet: Sheet
 ) -> tuple[str, str, str]:
-    asked = [tuple(measured)] if measured else list(COLUMNS)
+    asked = [tuple(map(column_name, measured))] if measured else list(COLUMNS)
     found = next((names for names in asked if set(names) <= set(columns)), None)
     if found is None or len(found) != 3:
         raise InputError(

@@ -49,7 +49,7 @@ class HeldOutCampaigns:
                 more = len(found.setups) - _MOST_LISTED
                 names += f" and {more} more" if more > 0 else ""
                 yield said(
-                    "{file} repeats fitted set-ups ({names}): {rule}",
+                    "{file} repeats points that were fitted (its set-ups {names}): {rule}",
                     file=file,
                     names=names,
                     rule=OTHER_SETUPS,

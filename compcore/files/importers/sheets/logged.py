@@ -41,9 +41,7 @@ def columns_of(sheet: Sheet) -> dict[str, LoggedColumn]:
     line, header = sheet.rows[0]
     found: dict[str, LoggedColumn] = {}
     for i, cell in enumerate(header):
-        bracketed = cell.endswith(("]", ")"))
-        end = min((cell.find(b) for b in "[(" if b in cell), default=-1) if bracketed else len(cell)
-        name = cell[:end].strip().replace(" ", "_")
+        name = column_name(cell)
         if not name or name in found:
             raise InputError(
                 f"column {i + 1} has no name" if not name else "the same column twice",
@@ -52,8 +50,25 @@ def columns_of(sheet: Sheet) -> dict[str, LoggedColumn]:
                 field=name or None,
                 expected="a name per column, every name once",
             )
-        found[name] = LoggedColumn(i, name, split_unit(cell)[1])
+        unit = split_unit(cell)[1]
+        found[name] = LoggedColumn(i, name, None if unit and unit.isdigit() else unit)
     return found
+
+
+def column_name(heading: str) -> str:
+    """What a column is called: its heading without the unit in brackets, blanks as underscores.
+
+    A number in brackets is no unit: it tells columns apart.
+
+    >>> column_name("Deviation [µm]"), column_name("target pos (5)"), column_name("T")
+    ('Deviation', 'target_pos_5', 'T')
+    """
+    text = heading.strip()
+    if text.endswith(("]", ")")):
+        end = min((text.find(b) for b in "[(" if b in text), default=-1)
+        inside = text[end + 1 : -1].strip()
+        text = f"{text[:end].strip()} {inside}" if inside.isdigit() else text[:end].strip()
+    return text.replace(" ", "_")
 
 
 def clock_of(columns: Mapping[str, LoggedColumn]) -> list[LoggedColumn]:

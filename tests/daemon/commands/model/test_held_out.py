@@ -63,7 +63,7 @@ def test_other_set_ups_are_held_out_without_a_word(tmp_path):
     done = add(tmp_path / "next.toml", other)
     assert done.status == 0, done.err
     assert "NOT HELD OUT" not in done.out
-    assert "repeats fitted set-ups" not in done.out
+    assert "repeats points that were fitted" not in done.out
     found = json.loads(add(tmp_path / "next.toml", other, "--json", "--force").out)
     assert found["holdout_shares"] == {"rows": 0, "setups": []}
 
@@ -83,7 +83,10 @@ def test_shared_rows_are_said(tmp_path):
 def test_points_and_placings_that_were_fitted_are_said(tmp_path):
     """The masters stand where they stood; every second row of a file is of the same placings."""
     done = add(tmp_path / "next.toml", CHECK)
-    assert "check.csv repeats fitted set-ups (master_x, master_y, master_z)" in done.out
+    assert (
+        "check.csv repeats points that were fitted (its set-ups master_x, master_y, master_z)"
+        in done.out
+    )
     head, rows = parts(FIT)
     half, rest = tmp_path / "half.csv", tmp_path / "rest.csv"
     written(half, head, rows[::2])
