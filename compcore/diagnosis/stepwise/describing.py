@@ -10,10 +10,12 @@ from abbe.compcore.diagnosis.findings import measured_kinds
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, described
 from abbe.compcore.diagnosis.uncatalogued.chosen import (
+    Grown,
     best_beside,
     best_instead,
     grown,
     of_positions_alone,
+    says_more,
 )
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects.base import Effect
@@ -35,9 +37,15 @@ def describe(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
         for effect in motions:
             less, _ = without_effect(less, effect.spec)
         instead = best_instead(before, less, growing.campaign, growing.refused_now)
-        if instead is not None and _replace(growing, motions, instead):
-            return True
-    found = best_beside(before, growing.campaign, diagnosis, growing.refused_now)
+        if instead is not None:
+            found = best_beside(before, growing.campaign, diagnosis, growing.refused_now)
+            kept = found is not None and says_more(before, found[1], less, instead)
+            return (not kept and _replace(growing, motions, instead)) or _beside(growing, found)
+    return _beside(growing, best_beside(before, growing.campaign, diagnosis, growing.refused_now))
+
+
+def _beside(growing: GrowingModel, found: tuple[Grown, FitResult] | None) -> bool:
+    """Describe beside the causes, unless that is how readings were rounded, or spoils others."""
     if found is None:
         return False
     more, result = found

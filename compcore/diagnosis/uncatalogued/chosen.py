@@ -164,3 +164,26 @@ def best_instead(
         if best is None or left < best[0]:
             best = left, effects
     return None if best is None else best[1]
+
+
+def says_more(before: FitResult, beside: FitResult, less: Model, instead: Sequence[Effect]) -> bool:
+    """Whether a description beside error motions foretells no worse than another in their place.
+
+    What has straight axes keeps its motions: they are causes, and a formula is none.
+
+    Parameters
+    ----------
+    before
+        The fit with the motions, whose rows and weights count.
+    beside
+        With the motions and a description beside them.
+    less, instead
+        The model without them, and what stands in their place.
+    """
+    campaign, weight = before.problem.campaign, before.thin.problem.weight
+    alone = fit(grown(less, instead)[-1][0], campaign, near=True)
+    kept, left = (
+        float(np.sum((LeftOutErrors.of(r, instead).left.residual * weight) ** 2))
+        for r in (beside, alone)
+    )
+    return kept <= left
