@@ -237,13 +237,13 @@ class Comparison(Shown):
 
     def figures(self) -> dict[str, Callable[[], Figure]]:
         """The pictures of ``abbe compare --report`` by name."""
-        campaign, signals = self.problem.campaign, self.problem.model.machine.signals
+        campaign, machine = self.problem.campaign, self.problem.model.machine
         return {
             **part_figures(
-                self.lengths, "residuals", campaign, self.residual, self.weighted, signals
+                self.lengths, "residuals", campaign, self.residual, self.weighted, machine
             ),
             **part_figures(
-                self.rotations, "rotations", campaign, self.residual, self.weighted, signals
+                self.rotations, "rotations", campaign, self.residual, self.weighted, machine
             ),
             **line_figure(self.lines),
         }

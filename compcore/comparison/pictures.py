@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Sequence
 from functools import partial
 
 from abbe.compcore.campaign.campaign import Campaign
@@ -10,6 +10,7 @@ from abbe.compcore.comparison.lines import MeasuredLine
 from abbe.compcore.comparison.parts import ComparedRows
 from abbe.compcore.figures.figure import COLOURS, Figure, figure
 from abbe.compcore.figures.residuals import F64, Residuals, residual_figures
+from abbe.compcore.machine.machine import Machine
 
 MOST_LINES = 40
 
@@ -20,7 +21,7 @@ def part_figures(
     campaign: Campaign,
     residual: F64,
     weighted: F64,
-    signals: Collection[str],
+    machine: Machine,
 ) -> dict[str, Callable[[], Figure]]:
     """The pictures of one kind of rows by name; `what` is ``residuals`` or ``rotations``.
 
@@ -28,14 +29,14 @@ def part_figures(
     ----------
     residual, weighted
         Of all rows, (n,): mm or rad, and in units of their standard uncertainty.
-    signals
-        Those that are worth a picture.
+    machine
+        Whose signals are worth a picture.
     """
     if not part.n:
         return {}
     unit = "µrad" if what == "rotations" else "µm"
-    drawn = Residuals.of(campaign, part.rows, residual, weighted, unit)
-    return residual_figures(drawn, what, signals)
+    drawn = Residuals.of(campaign, part.rows, residual, weighted, unit, machine)
+    return residual_figures(drawn, what, machine.signals)
 
 
 def line_figure(lines: Sequence[MeasuredLine]) -> dict[str, Callable[[], Figure]]:

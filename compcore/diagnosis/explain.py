@@ -132,12 +132,13 @@ def _as_built(established: Established, diagnosis: Findings) -> list[str]:
         whole = Model(model.machine, (*beside, *terms))
         lines = average_lines(where_they_are(whole))
         lies = [
-            _sentence(w)
+            w
             for one in lines
             if isinstance(effect, RotaryLocation) and one.axis == effect.axis
             for w in one.words(entering=False)
         ]
-        return [*lies, TO_ENTER]
+        there = [said("Where it is: {what}.", what=joined(lies))] if lies else []
+        return [*there, TO_ENTER]
     if seen_factor(model.machine, effect) > 0.0:
         return []
     return [said("On the table itself (level, indicator, R-test) it has the opposite sign.")]

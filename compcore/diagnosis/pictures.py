@@ -19,6 +19,7 @@ from abbe.compcore.figures.figure import (
     figure,
     line,
     points,
+    space,
 )
 from abbe.compcore.figures.residuals import fills_a_volume
 
@@ -121,9 +122,7 @@ def _vectors(point: F64, u: F64, residual: F64) -> Figure:
         },
         "hoverinfo": "skip",
     }
-    axes = {f"{k}axis": {"title": {"text": f"{k.upper()} in mm"}} for k in "xyz"}
-    camera = {"eye": {"x": 1.7, "y": 1.7, "z": 1.1}}
-    scene = {**axes, "aspectmode": "data", "camera": camera}
+    scene = space(segments, [f"{k} in mm" for k in "XYZ"])
     out = figure([trace], height=520, scene=scene)
     out["layout"].pop("xaxis")
     out["layout"].pop("yaxis")

@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from numpy.typing import ArrayLike
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+F64 = NDArray[np.float64]
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#000000")
 """Okabe and Ito's palette: told apart by colour-blind people, and in print."""
@@ -30,6 +34,8 @@ Figure = dict[str, Any]
 """A Plotly figure as plain data: ``{"data": [...], "layout": {...}}``."""
 
 
+_FLATTEST = 0.3
+"""Part of a scene's longest side that the others are drawn with at least."""
 _LEGEND = 26
 """px above a picture for the names of its curves, which else lie over them."""
 
@@ -87,6 +93,30 @@ def figure(
         else:
             base[key] = value
     return {"data": list(traces), "layout": base}
+
+
+def space(points: F64, titles: Sequence[str]) -> dict[str, Any]:
+    """A scene of Plotly's for points, shape (n, 3), of which NaN are gaps.
+
+    A mm is as long along each axis. A lathe or a slit is long and flat: drawn to the volume's
+    mean, as Plotly's own choice is, its ends would stand outside of the picture, and its flat side
+    would have no room for the scale.
+    """
+    low, high = np.nanmin(points, axis=0), np.nanmax(points, axis=0)
+    span = high - low
+    longest = float(span.max()) or 1.0
+    room = np.maximum(1.04 * span, _FLATTEST * longest)
+    middle = 0.5 * (low + high)
+    axes = {
+        f"{k}axis": {"title": {"text": title}, "range": [m - 0.5 * r, m + 0.5 * r]}
+        for k, title, m, r in zip("xyz", titles, middle.tolist(), room.tolist(), strict=True)
+    }
+    ratio = room / room.max()
+    # from far enough that no scale is cut off at the picture's edge
+    away = 1.25 * max(0.75, float(np.linalg.norm(ratio)) / math.sqrt(3.0))
+    camera = {"eye": dict.fromkeys("xyz", away), "center": {"x": 0.0, "y": 0.0, "z": -0.1}}
+    shape = dict(zip("xyz", ratio.tolist(), strict=True))
+    return {**axes, "aspectmode": "manual", "aspectratio": shape, "camera": camera}
 
 
 def line(x: ArrayLike, y: ArrayLike, name: str = "", **more: Any) -> Trace:

@@ -20,8 +20,11 @@ from abbe.compcore.figures.figure import (
     figure,
     line,
     points,
+    space,
 )
 from abbe.compcore.figures.means import mean_line
+from abbe.compcore.figures.places import places
+from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
@@ -51,6 +54,8 @@ class Residuals:
         µm or µrad.
     sampled
         Whether only a part of the rows is drawn.
+    machine
+        The machine, whose joints say where a functional point stood.
     """
 
     campaign: Campaign
@@ -59,10 +64,17 @@ class Residuals:
     size: F64
     unit: str
     sampled: bool
+    machine: Machine | None = None
 
     @classmethod
     def of(
-        cls, campaign: Campaign, rows: NDArray[np.bool_], residual: F64, weighted: F64, unit: str
+        cls,
+        campaign: Campaign,
+        rows: NDArray[np.bool_],
+        residual: F64,
+        weighted: F64,
+        unit: str,
+        machine: Machine | None = None,
     ) -> Residuals:
         """Residuals (n,), mm or rad, of some rows; `weighted` in units of sd."""
         index = np.flatnonzero(rows)
@@ -74,7 +86,14 @@ class Residuals:
             )
             index = np.sort(np.concatenate([order[:_LARGEST], others]))
         factor = 1e6 if unit == "µrad" else 1e3
-        return cls(campaign, index, residual[index] * factor, weighted[index], unit, sampled)
+        return cls(
+            campaign, index, residual[index] * factor, weighted[index], unit, sampled, machine
+        )
+
+    @property
+    def places(self) -> F64:
+        """Where each row drawn was measured, shape (n, 3), mm."""
+        return places(self.campaign.rows(self.rows), self.machine)
 
     @property
     def labels(self) -> list[str]:
@@ -94,7 +113,7 @@ def fills_a_volume(places: F64) -> bool:
 def in_volume(residuals: Residuals) -> Figure:
     """Residuals as vectors along the measured direction, in the machine's volume; can be turned."""
     u = residuals.campaign.conditions.u
-    start = residuals.campaign.functional_moves()[residuals.rows]
+    start = residuals.places
     along = np.zeros_like(start) if u is None else u[residuals.rows]
     diagonal = float(np.linalg.norm(np.ptp(start, axis=0))) if len(start) else 1.0
     largest = float(np.abs(residuals.value).max(initial=0.0)) or 1.0
@@ -133,8 +152,8 @@ def in_volume(residuals: Residuals) -> Figure:
         ],
         "hoverinfo": "text",
     }
-    scene = {f"{k}axis": {"title": {"text": f"{k.upper()} (mm)"}} for k in "xyz"}
-    return figure([vectors, tips], height=620, scene={**scene, "aspectmode": "data"})
+    scene = space(path, [f"{k} (mm)" for k in "XYZ"])
+    return figure([vectors, tips], height=620, scene=scene)
 
 
 def along_axis(residuals: Residuals, axis: str) -> Figure:
@@ -202,7 +221,7 @@ def residual_figures(
     """
     c, rows = residuals.campaign.conditions, residuals.rows
     made: dict[str, Callable[[], Figure]] = {}
-    if fills_a_volume(residuals.campaign.functional_moves()[rows]):
+    if fills_a_volume(residuals.places):
         made["in the volume"] = partial(in_volume, residuals)
     for axis, position in c.positions.items():
         if position[rows].std() > 0.0:

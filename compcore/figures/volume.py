@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.figures.figure import COLOURS, GREY, REACH, Figure, figure, line
+from abbe.compcore.figures.figure import COLOURS, GREY, REACH, Figure, figure, line, space
 from abbe.compcore.model.error_volume import ErrorVolume
 
 F64 = NDArray[np.float64]
@@ -26,10 +26,6 @@ def volume(found: ErrorVolume) -> Figure:
     if sum(map(bool, found.axes)) == 1:
         return _along_the_line(found)
     larger = enlargement(found)
-    scene = {
-        f"{k}axis": {"title": {"text": f"{a or k.upper()} (mm)"}}
-        for k, a in zip("xyz", found.axes, strict=True)
-    }
     end = found.nodes + larger * found.error
     size = np.linalg.norm(found.error, axis=1) * 1e3
     arrows = np.stack([found.nodes, end, np.full_like(end, np.nan)], axis=1).reshape(-1, 3)
@@ -53,7 +49,10 @@ def volume(found: ErrorVolume) -> Figure:
             },
         },
     ]
-    return figure(traces, height=620, scene={**scene, "aspectmode": "data"})
+    moved = found.lines + larger * found.line_error
+    drawn = np.concatenate([arrows, found.lines.reshape(-1, 3), moved.reshape(-1, 3)])
+    names = [f"{a or k} (mm)" for k, a in zip("XYZ", found.axes, strict=True)]
+    return figure(traces, height=620, scene=space(drawn, names))
 
 
 def _along_the_line(found: ErrorVolume) -> Figure:

@@ -23,6 +23,7 @@ def fit_figures(result: Solution) -> dict[str, Callable[[], Figure]]:
     ):
         rows = np.isin(campaign.kind, kinds)
         if rows.any():
-            drawn = Residuals.of(campaign, rows, result.residual, result.weighted, unit)
-            made |= residual_figures(drawn, what, result.model.machine.signals)
+            machine = result.model.machine
+            drawn = Residuals.of(campaign, rows, result.residual, result.weighted, unit, machine)
+            made |= residual_figures(drawn, what, machine.signals)
     return made

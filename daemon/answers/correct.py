@@ -29,6 +29,10 @@ from abbe.daemon.arguments.effect_name import short
 F64 = NDArray[np.float64]
 Triple = tuple[float, float, float]
 
+NO_LINEAR_AXIS = "no linear axis moves that: --command says where to send the rotary axes instead"
+_UNSEEN = 5e-9
+"""mm: what is less reads 0.00 µm or is rounding."""
+
 
 @dataclass(frozen=True)
 class PoseLeft:
@@ -95,6 +99,17 @@ class Corrected:
     beside: Mapping[str, float] = field(default_factory=dict)
     left: PoseLeft | None = None
     sure: PredictionUncertainty | None = None
+
+    @property
+    def staying(self) -> dict[str, float]:
+        """`beside` without the directions in which the model has no error, nor any doubt: a slit's.
+
+        For people, who look for an axis wherever its letter stands.
+        """
+        wide = {} if self.sure is None else expanded(self.sure)
+        return {
+            a: e for a, e in self.beside.items() if abs(e) > _UNSEEN or wide.get(a, 0.0) > _UNSEEN
+        }
 
     def correction(self, axis: str) -> float:
         """The answer minus what was asked, mm (rotary: degrees)."""
@@ -227,14 +242,12 @@ def as_text(found: Corrected, *, explain: bool) -> Iterator[str]:
                 f"{axis:<4} {asked:>11.4f} mm   {found.answer[axis]:>11.4f} mm  "
                 f"{round(found.correction(axis) * 1e3, 2) + 0.0:>9.2f} µm{wide}"
             )
-    for direction, error in found.beside.items():
+    for direction, error in found.staying.items():
         wide = "" if found.sure is None else _plus_minus(found.sure, direction)
-        yield (
-            f"{direction:<4} {'stays':>14}   {'no axis':>14}  "
-            f"{round(error * 1e3, 2) + 0.0:>9.2f} µm{wide}"
-        )
+        amount = f"{round(error * 1e3, 2) + 0.0:.2f} µm{wide}"
+        yield f"along {direction} the machine has no axis: an error of {amount} stays"
     if not found.carrying and not found.command:
-        yield "no linear axis moves that: --command says where to send the rotary axes instead"
+        yield NO_LINEAR_AXIS
     turn = found.orientation
     angles = (turn[2, 1] - turn[1, 2], turn[0, 2] - turn[2, 0], turn[1, 0] - turn[0, 1])
     a, b, c = (f"{round(0.5e6 * angle, 1) + 0.0:.1f}" for angle in angles)

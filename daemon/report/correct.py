@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import numpy as np
+
 from abbe.compcore.figures.figure import figure
 from abbe.compcore.model.uncertainty import expanded
 from abbe.compcore.units import in_digits
-from abbe.daemon.answers.correct import Corrected
+from abbe.daemon.answers.correct import NO_LINEAR_AXIS, Corrected
 from abbe.daemon.arguments.effect_name import short
 from abbe.daemon.report.head import PageHead
 from abbe.daemon.report.page import Page
@@ -38,17 +40,19 @@ def corrected_page(found: Corrected, warnings: list[str], title: str, head: Page
             for a in found.carrying
         ]
     )
-    if found.beside:
+    if staying := found.staying:
         page.key_figures(
             [
-                (f"stays in {a}, no axis", f"{e * 1e3:+.2f}{wide.get(a, '')}", "µm")
-                for a, e in found.beside.items()
+                (f"error in {a}, where no axis moves", f"{e * 1e3:+.2f}{wide.get(a, '')}", "µm")
+                for a, e in staying.items()
             ]
         )
     if found.left is not None:
         page.key_figures(
             [("direction of the tool left", f"{found.left.direction * 1e6:.2f}", "µrad")]
         )
+    if not found.carrying and not found.command:
+        page.notes([NO_LINEAR_AXIS])
     if warnings:
         page.notes(warnings, warning=True)
     heads = ("target", "command") if found.command else ("indicated", "corrected")
@@ -61,6 +65,13 @@ def corrected_page(found: Corrected, warnings: list[str], title: str, head: Page
     parts = {short(spec): part for spec, part in found.parts.items()}
     shown = {k: v for k, v in parts.items() if max(map(abs, v)) >= _SMALL}
     shown = dict(sorted(shown.items(), key=lambda item: max(map(abs, item[1]))))
+    # a slit has an error in X alone: no Y and Z of zeros
+    every = np.array([*parts.values(), found.second_order])
+    directions = [
+        (i, a)
+        for i, a in enumerate("XYZ")
+        if a in found.carrying or np.abs(every[:, i]).max() > _SMALL
+    ]
     traces = [
         {
             "type": "bar",
@@ -69,7 +80,7 @@ def corrected_page(found: Corrected, warnings: list[str], title: str, head: Page
             "y": list(shown),
             "x": [part[i] * 1e3 for part in shown.values()],
         }
-        for i, axis in enumerate("XYZ")
+        for i, axis in directions
     ]
     page.figure(
         figure(
@@ -79,14 +90,18 @@ def corrected_page(found: Corrected, warnings: list[str], title: str, head: Page
             barmode="group",
         ),
         "Each effect's part of the error at this point, largest on top. The parts sum to the "
-        f"correction{' with its sign turned' if found.command else ''} but for "
-        f"{in_digits(max(map(abs, found.second_order)) * 1e6, 2)} nm of second order.",
+        f"error there{_second_order(found)}.",
     )
     page.table(
-        ["Effect", "X, µm", "Y, µm", "Z, µm"],
+        ["Effect", *(f"{a}, µm" for _, a in directions)],
         [
-            [spec, *(f"{value * 1e3:+.3f}" for value in part)]
+            [spec, *(f"{part[i] * 1e3:+.3f}" for i, _ in directions)]
             for spec, part in reversed(shown.items())
         ],
     )
     return page
+
+
+def _second_order(found: Corrected) -> str:
+    largest = max(map(abs, found.second_order))
+    return "" if largest < _SMALL else f" but for {in_digits(largest * 1e6, 2)} nm of second order"

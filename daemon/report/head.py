@@ -186,6 +186,8 @@ def _tool(conditions: Sequence[Mapping[str, Any]]) -> str:
     if not tools:
         return ""
     ends = [(min(t[k][0] for t in tools), max(t[k][1] for t in tools)) for k in range(3)]
+    if not any(value for pair in ends for value in pair):
+        return "no offset"
     parts = (
         _unbroken(f"{name} {_range(*pair)} mm") for name, pair in zip("xyz", ends, strict=True)
     )

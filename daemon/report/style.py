@@ -30,7 +30,8 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size
 caption { text-align: left; color: var(--quiet); padding-bottom: .3rem; }
 th, td { padding: .28rem .8rem .28rem 0; text-align: left; vertical-align: baseline; }
 th, thead td { font-weight: 600; border-bottom: 1px solid var(--ink); white-space: nowrap; }
-td { border-bottom: 1px solid var(--line); }
+td { border-bottom: 1px solid var(--line); overflow-wrap: anywhere; }
+td.number { overflow-wrap: normal; }
 td.number, th.number { text-align: right; padding-left: .8rem; white-space: nowrap; }
 dl.key { display: flex; flex-wrap: wrap; gap: .8rem 2.2rem; margin: 1rem 0; }
 dl.key div { min-width: 6rem; }

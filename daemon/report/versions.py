@@ -66,6 +66,8 @@ def error_of_versions(records: Sequence[Mapping[str, Any]]) -> Figure | None:
             "ticktext": ticks,
             "range": [0.5, len(reported) + 0.5],
             "showgrid": False,
+            # below what made each version, which may have several lines
+            "title": {"text": "version", "standoff": 12},
         },
         yaxis={"rangemode": "tozero"},
     )
@@ -76,6 +78,8 @@ def change(record: Mapping[str, Any]) -> str:
     for key, sign in (("added", "+"), ("removed", "−")):
         if record.get(key):
             return f"{sign} {record[key]}"
+    if record.get("effects") == 0:
+        return "no effects"
     return f"imported from {record['map']}" if record.get("map") else "fitted"
 
 

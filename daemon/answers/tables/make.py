@@ -178,6 +178,7 @@ def _made(request: TableRequest, model: Model | None) -> TableAnswer:
         not_applied(whole),
         found.notes,
         _of_a_lathe(tables, model),
+        _without_axis(model),
         lines,
         in_words(sure),
     )
@@ -200,6 +201,17 @@ def _made(request: TableRequest, model: Model | None) -> TableAnswer:
     )
     made = TableSet(controller.name, dict(request.options), files, record, tuple(tables))
     return TableAnswer(request, model, made, new, remaining, notes, trial, sure)
+
+
+def _without_axis(model: Model) -> list[str]:
+    """What the remaining error does not count: directions in which the machine has no axis."""
+    missing = [a for a in "XYZ" if a not in model.machine.structure.carrying]
+    if not missing:
+        return []
+    return [
+        f"errors along {' and '.join(missing)}, where the machine has no linear axis, are not "
+        "counted in what is left: abbe correct says how large they are at a point"
+    ]
 
 
 def _of_a_lathe(tables: Sequence[Table], model: Model) -> list[str]:

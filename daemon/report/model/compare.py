@@ -31,7 +31,7 @@ def comparison_page(comparison: Comparison, head: PageHead) -> Page:
     page.key_figures(key_figures(comparison))
     if fitted := comparison.fitted_files:
         page.notes([fitted_note(fitted)], warning=True)
-    page.notes([str(level) for level in comparison.noise.levels.values()])
+    page.notes(list(comparison.noise.words()))
     page.notes(list(sampling_words(problem.campaign, known_waves(problem.model))))
     page.notes(
         [

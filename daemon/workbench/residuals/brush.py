@@ -14,6 +14,8 @@ from pydantic import Field
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign
 from abbe.compcore.errors import InputError
+from abbe.compcore.figures.places import places
+from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.daemon.workbench.entrance.asked import AskedOfWorkbench
 from abbe.daemon.workbench.residuals.cells import CellPicture, Mask, across, cell_picture
@@ -72,8 +74,8 @@ class ManyResiduals:
 
     Parameters
     ----------
-    campaign, residual
-        The rows, and what the model leaves of each, mm or rad.
+    campaign, machine, residual
+        The rows, the machine that stood there, and what the model leaves of each, mm or rad.
     panels
         The pictures, as `rows.panels` lists them.
     shown
@@ -85,12 +87,14 @@ class ManyResiduals:
     def __init__(
         self,
         campaign: Campaign,
+        machine: Machine,
         residual: F64,
         panels: Sequence[Mapping[str, Any]],
         shown: NDArray[np.int64],
         tables: Sequence[Sequence[Mapping[str, Any]]],
     ) -> None:
-        self._campaign, self._shown, self._tables = campaign, shown, tables
+        self._campaign, self._machine = campaign, machine
+        self._shown, self._tables = shown, tables
         self._length = np.isin(campaign.kind, LENGTHS)
         self._value = residual * np.where(self._length, 1e3, 1e6)
         self._component = campaign.measured_components()
@@ -180,7 +184,7 @@ class ManyResiduals:
 
     def _in_space(self, space: BrushedSpace) -> Mask:
         """Rows whose arrow begins or ends in the box."""
-        foot = self._campaign.functional_moves()
+        foot = places(self._campaign, self._machine)
         u = self._campaign.conditions.u
         head = foot if u is None else foot + u * (space.long * np.nan_to_num(self._value))[:, None]
         found = np.zeros(len(foot), dtype=np.bool_)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign
+from abbe.compcore.figures.places import places
 from abbe.compcore.figures.residuals import Residuals
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
@@ -66,7 +67,7 @@ def rows_json(campaign: Campaign, machine: Machine, rows: Index) -> dict[str, An
             if name in machine.signals
         },
         "time": _rounded(c.time[rows] / 3600.0, 7),
-        "place": _rounded(campaign.functional_moves()[rows].ravel(), 5),
+        "place": _rounded(places(campaign.rows(rows), machine).ravel(), 5),
         "along": _rounded(u[rows].ravel(), 4),
     }
 

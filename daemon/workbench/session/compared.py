@@ -32,7 +32,7 @@ def compared(comparison: Comparison) -> tuple[dict[str, Any], ManyResiduals | No
     many = None
     if len(rows) < np.isfinite(comparison.residual).sum():
         selects = [table["select"] for table in listed]
-        many = ManyResiduals(campaign, comparison.residual, pictures, rows, selects)
+        many = ManyResiduals(campaign, machine, comparison.residual, pictures, rows, selects)
     found: dict[str, Any] = {
         "title": verdict_title(comparison),
         "holds": comparison.holds,

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 import json
+from pathlib import Path
 
 import pytest
 
@@ -75,9 +76,13 @@ def test_a_lathe_says_what_its_axes_take_back_and_what_stays(run):
     command = json.loads(run("correct", "lathe.toml", "X=200", "Z=-100", "--command", "--json"))
     assert command["correction"]["X"] == pytest.approx(-0.020, abs=1e-5)
     assert command["left"]["Y"] == pytest.approx(0.008, abs=1e-5)
-    assert "Y             stays          no axis       8.00 µm" in run(
-        "correct", "lathe.toml", "X=200", "Z=-100"
-    )
+    for more in ([], ["--command"]):
+        text = run("correct", "lathe.toml", "X=200", "Z=-100", *more, "--report", "page.html")
+        assert "along Y the machine has no axis: an error of 8.00 µm stays" in text.splitlines()
+        page = Path("page.html").read_text()
+        assert "error in Y, where no axis moves" in page
+        # the parts are those of the error, whatever the question: no turned signs
+        assert "The parts sum to the error there" in page
 
 
 @pytest.mark.parametrize("command", [[], ["--command"]])
@@ -96,6 +101,7 @@ def test_tables_of_a_lathe_hold_its_axes(run, tmp_path):
     said = run("table", "lathe.toml", "--controller", "linuxcnc", "-o", "tables")
     assert "E_XX" in said
     assert "E_YZ" not in said
+    assert "errors along Y, where the machine has no linear axis, are not counted" in said
     assert sorted(p.name for p in (tmp_path / "tables").glob("*.comp")) == ["x.comp", "z.comp"]
 
 

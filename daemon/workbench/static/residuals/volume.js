@@ -6,6 +6,7 @@ import {line, Space} from "../shared/space.js";
 import {colours} from "../shared/theme.js";
 
 const REACH = 0.14;
+const FLAT = 0.02; // of the other sides: a plane
 
 export class Volume extends Space {
   /** `many`: there are more rows than are drawn, and the server knows them. */
@@ -16,6 +17,10 @@ export class Volume extends Space {
       const own = indices.map((i) => rows.place[3 * i + k]);
       return [min(own), max(own)];
     }), ["X", "Y", "Z"], t("Residuals in the volume. The tables select rows, too."));
+    // of a lathe's plane X-Z the broad side is seen, and Y in perspective still
+    const wide = this.ends.map(([a, b]) => b - a);
+    if (wide[1] < FLAT * Math.min(wide[0], wide[2])) this.turn = [-0.3, 0.25];
+    else if (wide[0] < FLAT * Math.min(wide[1], wide[2])) this.turn = [-1.3, 0.25];
     this.linked = linked;
     this.reach = reach;
     [this.part, this.many] = [part, many];
