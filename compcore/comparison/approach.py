@@ -42,6 +42,8 @@ class SideDifference:
         Residual after an approach upwards less that after one downwards, mm.
     share
         Part of the residuals' variance that it holds.
+    upright
+        The direction that stands upright (`Structure.upright`).
     """
 
     axis: str
@@ -49,6 +51,7 @@ class SideDifference:
     difference: float
     sd: float
     share: float
+    upright: str
 
     @property
     def words(self) -> Sentence:
@@ -80,7 +83,7 @@ class SideDifference:
             "axis": self.axis,
             "component": self.component,
             "size": f"{abs(self.difference) * 1e3:.1f}",
-            "side": said("from above") if self.axis == "Z" else said("from the plus side"),
+            "side": said("from above") if self.axis == self.upright else said("from the plus side"),
         }
 
 
@@ -99,7 +102,9 @@ def by_side_and_component(
                     yield {"axis": axis, "direction": sign, "measured": measured}, mask
 
 
-def side_differences(campaign: Campaign, residual: F64, weight: F64) -> list[SideDifference]:
+def side_differences(
+    campaign: Campaign, residual: F64, weight: F64, upright: str
+) -> list[SideDifference]:
     """The differences that the residuals of displacements establish, the largest share first.
 
     Parameters
@@ -108,6 +113,8 @@ def side_differences(campaign: Campaign, residual: F64, weight: F64) -> list[Sid
         Shape (n,), mm.
     weight
         Shape (n,): 1/sd of each row.
+    upright
+        The direction that stands upright (`Structure.upright`).
     """
     c = campaign.conditions
     rows = np.flatnonzero((campaign.kind == Kind.DISPLACEMENT) & (weight > 0.0))
@@ -146,7 +153,7 @@ def side_differences(campaign: Campaign, residual: F64, weight: F64) -> list[Sid
         sd = np.sqrt(np.diag(np.linalg.pinv(together.T @ together)) * noise)
         shares = [_alone(columns, chosen, j, left) / total for j in chosen]
         found = [
-            SideDifference(*names[j][:2], float(v), float(s), share)
+            SideDifference(*names[j][:2], float(v), float(s), share, upright)
             for j, v, s, share in zip(chosen, values, sd, shares, strict=True)
         ]
     return sorted(found, key=lambda f: -f.share)

@@ -145,7 +145,8 @@ class Comparison(Shown):
     def sides(self) -> list[SideDifference]:
         """What differs between the two sides from which an axis came, the largest first."""
         problem = self.problem
-        return side_differences(problem.campaign, self.residual, problem.weight)
+        upright = problem.model.machine.structure.upright
+        return side_differences(problem.campaign, self.residual, problem.weight, upright)
 
     def by_side(self, part: ComparedRows) -> list[ResidualGroup]:
         """Residuals by side of approach and measured component, in µm or µrad."""

@@ -39,7 +39,8 @@ def campaign_notes(diagnosis: Findings) -> Iterator[Sentence]:
         if campaign.clocked:
             yield said(
                 "targets of {axes} are read from both sides, and no column says from which "
-                "({columns}: 1 towards plus, −1 towards minus): play and reversal were not looked for",
+                "({columns}: 1 towards plus, −1 towards minus): play and reversal were not "
+                "looked for",
                 axes=named, columns=columns,
             )  # fmt: skip
         else:

@@ -7,6 +7,8 @@ from string import Formatter
 from typing import Any
 
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.machine.machine import own_component
+from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.sentences import Sentence, listed, said
 from abbe.compcore.units import display, in_digits
 
@@ -18,8 +20,9 @@ def _signals(where: Where) -> str:
     return listed(where.get("signals") or [where.get("signal") or ""])
 
 
-def _side(axis: str) -> Sentence:
-    return said("from above") if axis[0] in "ZW" else said("from the plus side")
+def _side(axis: str, upright: str) -> Sentence:
+    above = bool(upright) and own_component(axis) == upright and not is_rotary(axis)
+    return said("from above") if above else said("from the plus side")
 
 
 def _who(where: Where) -> str:
@@ -92,7 +95,11 @@ _TWO_SIDES = ("backlash", "reversal_angle", "lateral_reversal")
 
 
 def in_the_shop(
-    effect: Effect, largest: float, unit: str, values: Sequence[tuple[float, str]] = ()
+    effect: Effect,
+    largest: float,
+    unit: str,
+    values: Sequence[tuple[float, str]] = (),
+    upright: str = "Z",
 ) -> Sentence:
     """What a cause does, in a sentence without the words of the catalogue.
 
@@ -106,6 +113,8 @@ def in_the_shop(
         ``µm`` or ``µrad``.
     values
         Its parameters with their units, inside the code.
+    upright
+        The direction that stands upright (`Structure.upright`).
     """
     from abbe.compcore.diagnosis.explain import headline
 
@@ -131,7 +140,7 @@ def in_the_shop(
         **{key: str(value) for key, value in where.items()},
         "size": f"{in_digits(largest, 2)} {unit}" if largest < 10.0 else f"{largest:.0f} {unit}",
         "signals": _signals(where),
-        "side": _side(str(where.get("axis") or "X")),
+        "side": _side(str(where.get("axis") or "X"), upright),
         "who": _who(where),
         "first": str(first),
         "second": str(second),

@@ -136,6 +136,23 @@ class Structure:
         """
         return self.spindle_on_workpiece and "X" in self.linear
 
+    @property
+    def upright(self) -> str:
+        """The letter of the direction that stands upright; empty where none is known to.
+
+        A lathe's Z lies along its spindle. A table that turns about Y alone stands under a spindle
+        that lies: a boring machine's Y is upright, its Z not.
+
+        >>> [Structure.parse(code).upright for code in ("w b Y X Z t", "w (C') b Z X t")]
+        ['Z', '']
+        >>> Structure.parse("w B' X' Z' b Y W (C) t").upright
+        'Y'
+        """
+        if self.spindle_on_workpiece:
+            return ""
+        tables = [a[0] for a in self.workpiece_side if is_rotary(a)]
+        return "Y" if tables == ["B"] else "Z"
+
     def require_carrying(self) -> None:
         """Refuse a machine that has none of X, Y, Z: an arm or a mount of rotary axes.
 

@@ -40,6 +40,7 @@ from abbe.compcore.diagnosis.words import (
 )
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.sentences import Sentence, said
+from abbe.compcore.units import in_digits
 from abbe.daemon.answers.model.apply import StepFigures
 from abbe.daemon.answers.typed import Adding
 from abbe.daemon.report.head import PageHead
@@ -101,7 +102,8 @@ def verdict_title(diagnosis: Diagnosis) -> Sentence:
         if change:
             unit, factor = ("µrad", 1e6) if change[0].of_rotations else ("µm", 1e3)
             by = [(p.by, p.unit) for p in change[0].parameters]
-            what = in_the_shop(change[0].effect, change[0].largest * factor, unit, by)
+            upright = diagnosis.whole.problem.model.machine.structure.upright
+            what = in_the_shop(change[0].effect, change[0].largest * factor, unit, by, upright)
             return said("It has changed: {what}", what=what.within())
     if diagnosis.established:
         return said_in_the_shop(diagnosis, diagnosis.established[0])
@@ -124,7 +126,8 @@ def said_in_the_shop(diagnosis: Diagnosis, established: Established) -> Sentence
     shown = campaign.kind == (Kind.ROTATION if diagnosis.of_rotations else Kind.DISPLACEMENT)
     largest = float(np.abs(established.signature[shown]).max(initial=0.0)) * factor
     values = [(e.value, e.unit) for e in established.estimates if e.measured]
-    return in_the_shop(established.effect, largest, unit, values)
+    upright = diagnosis.result.problem.model.machine.structure.upright
+    return in_the_shop(established.effect, largest, unit, values, upright)
 
 
 def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
@@ -208,13 +211,15 @@ def parameter_row(estimate: Estimate) -> list[str]:
     ]
 
 
-def structure_words(structure: ResidualPattern, diagnosis: Diagnosis) -> str:
+def structure_words(structure: ResidualPattern, diagnosis: Diagnosis) -> Sentence:
     """What no cause explains, in two sentences."""
     share = structure.drop / diagnosis.basis.chi2
-    words = description(structure)
-    return (
-        f"{words[0].upper()}{words[1:]}. It makes up {share:.0%} of the residuals' χ²; depends "
-        f"on {', '.join(structure.depends_on)}."
+    return said(
+        "What is left goes like this: {what}. It makes up {share} % of the residuals' χ²; depends "
+        "on {variables}.",
+        what=description(structure),
+        share=in_digits(100.0 * share, 2),
+        variables=", ".join(structure.depends_on),
     )
 
 

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import pytest
 
+from abbe.compcore.comparison.approach import SideDifference
 from abbe.compcore.diagnosis.shop_words import in_the_shop, kinds_said
 from abbe.compcore.effects.registry import effect_kinds, make_effect
+from abbe.compcore.machine.structure import Structure
 from tests.support.compcore.catalogue import ROWS
 
 OF_THE_CATALOGUE = ("E_", "backlash", "kind", "parameter", "lateral", "shape")
@@ -43,4 +45,25 @@ def test_words_name_who_and_how_much_and_nothing_of_the_catalogue(row):
     ],
 )  # fmt: skip
 def test_sizes(kind, where, values, words):
+    """Of a machine whose Z stands upright."""
     assert in_the_shop(make_effect(kind, where), 3.0, "µm", values) == words
+
+
+@pytest.mark.parametrize(
+    ("structure", "axis", "side"),
+    [
+        ("w b Y X Z t", "Z", "from above"),
+        # a lathe's Z lies, and a horizontal spindle's
+        ("w (C') b Z X t", "Z", "from the plus side"),
+        ("w B' X' Z' b Y W (C) t", "W", "from the plus side"),
+        ("w B' X' Z' b Y W (C) t", "Y", "from above"),
+        ("w C' X' b Y Z B (C) t", "C", "from the plus side"),
+    ],
+)
+def test_above_is_said_of_what_stands_upright(structure, axis, side):
+    play = make_effect("backlash", {"axis": axis})
+    upright = Structure.parse(structure).upright
+    words = in_the_shop(play, 3.0, "µm", [(0.0054, "mm")], upright)
+    assert words == f"{axis} stands 5.4 µm elsewhere when it comes {side}"
+    seen = SideDifference(axis, axis, 5.4e-3, 1e-4, 0.5, upright)
+    assert str(seen.short) == f"{axis} stands 5.4 µm elsewhere when it comes {side}"

@@ -148,7 +148,7 @@ class Bars {
     const before = el("div", {class: "bar"});
     before.style.width = `${(100 * rms) / this.full}%`;
     const rows = [el("div", {class: "bars-row"}, el("span", {}, t("as it is")), el("div", {}, before),
-      el("span", {}, `${number(rms)} ${unit} rms`)),
+      el("span", {}, t("{size} {unit} rms", {size: number(rms), unit}))),
     el("div", {class: "bars-row"}, el("span", {}, t("with it")), el("div", {}, this.bar), this.said)];
     if (floor !== null) {
       const noise = el("div", {class: "bar noise"});
@@ -162,6 +162,6 @@ class Bars {
   show(rms) {
     this.bar.style.width = `${Math.min(100, (100 * rms) / this.full)}%`;
     this.bar.classList.toggle("worse", rms > 1.001 * this.found.rms);
-    this.said.textContent = `${number(rms)} ${this.found.unit} rms`;
+    this.said.textContent = t("{size} {unit} rms", {size: number(rms), unit: this.found.unit});
   }
 }
