@@ -15,7 +15,7 @@ from abbe.compcore.diagnosis.uncatalogued.chosen import (
     best_instead,
     grown,
     of_positions_alone,
-    says_more,
+    as_good_beside,
 )
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects.base import Effect
@@ -39,7 +39,7 @@ def describe(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
         instead = best_instead(before, less, growing.campaign, growing.refused_now)
         if instead is not None:
             found = best_beside(before, growing.campaign, diagnosis, growing.refused_now)
-            kept = found is not None and says_more(before, found[1], less, instead)
+            kept = found is not None and as_good_beside(before, found[1], less, instead)
             return (not kept and _replace(growing, motions, instead)) or _beside(growing, found)
     return _beside(growing, best_beside(before, growing.campaign, diagnosis, growing.refused_now))
 
