@@ -11,11 +11,11 @@ from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutEr
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, described
 from abbe.compcore.diagnosis.uncatalogued.chosen import (
     Grown,
+    as_good_beside,
     best_beside,
     best_instead,
     grown,
     of_positions_alone,
-    as_good_beside,
 )
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects.base import Effect
