@@ -166,7 +166,9 @@ def best_instead(
     return None if best is None else best[1]
 
 
-def as_good_beside(before: FitResult, beside: FitResult, less: Model, instead: Sequence[Effect]) -> bool:
+def as_good_beside(
+    before: FitResult, beside: FitResult, less: Model, instead: Sequence[Effect]
+) -> bool:
     """Whether a description beside error motions foretells no worse than another in their place.
 
     What has straight axes keeps its motions: they are causes, and a formula is none.
