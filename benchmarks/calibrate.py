@@ -57,8 +57,9 @@ def start_model() -> str:
 
 
 def one_way(plan: Path) -> None:
-    """Every line once, one way: this machine has no play, and the demo is shorter."""
+    """Every line once, one way, no nudge: this machine has no play, and the demo is shorter."""
     text = plan.read_text("utf-8").replace("both_ways = true", "both_ways = false")
+    text = re.sub(r"^nudge = [\d.]+", "nudge = 0.0", text, flags=re.MULTILINE)
     plan.write_text(re.sub(r"^runs = \d+", "runs = 1", text, flags=re.MULTILINE), "utf-8")
 
 
