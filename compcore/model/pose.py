@@ -18,13 +18,12 @@ from collections.abc import Collection
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.errors import NotContractionError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, crossed
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.pose_by_all_axes import command_by_all_axes
-from abbe.compcore.model.wanted_pose import Command, FoundPose, WantedPose
+from abbe.compcore.model.wanted_pose import Command, FoundPose, WantedPose, no_command
 
 F64 = NDArray[np.float64]
 
@@ -125,12 +124,7 @@ def command_of(
         if size.max(initial=0.0) < _AT_PLACE and change.max(initial=0.0) < _AT_ANGLE:
             at = target.moved(moved)
             return _command(pose.at(at), at, turning, spinning, limited, count, factor)
-    row = int(np.argmax(np.where(np.isfinite(before), before, np.inf)))
-    where = ", ".join(f"{a}={target.position(a)[row]:g}" for a in machine.structure.axes)
-    raise NotContractionError(
-        f"no command was found for {where} (mm, rad): the error changes too fast with position; "
-        "look for a wrong unit"
-    )
+    raise no_command(machine, target, before)
 
 
 def _turns(

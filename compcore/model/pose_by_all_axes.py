@@ -17,11 +17,11 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.errors import InputError, NotContractionError
+from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.model.model import Model
-from abbe.compcore.model.wanted_pose import Command, FoundPose, WantedPose
+from abbe.compcore.model.wanted_pose import Command, FoundPose, WantedPose, no_command
 
 F64 = NDArray[np.float64]
 
@@ -109,12 +109,7 @@ def command_by_all_axes(
             damped = np.asarray(near & ((place > _LEFT_MM) | (direction > _LEFT)))
             spin = np.abs(found.spin)
             return Command(at, direction, spin, place, damped, ended, count, factor)
-    row = int(np.argmax(np.where(np.isfinite(before), before, np.inf)))
-    where = ", ".join(f"{a}={target.position(a)[row]:g}" for a in machine.structure.axes)
-    raise NotContractionError(
-        f"no command was found for {where} (mm, rad): the error changes too fast with position; "
-        "look for a wrong unit"
-    )
+    raise no_command(machine, target, before)
 
 
 def _longest_arc(chain: Chain, turning: Sequence[str]) -> F64:

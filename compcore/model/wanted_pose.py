@@ -7,8 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.errors import NotContractionError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, crossed
+from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Model
 
 F64 = NDArray[np.float64]
@@ -46,6 +48,19 @@ class Command:
     limited: NDArray[np.bool_]
     rounds: int
     contraction: F64
+
+
+def no_command(machine: Machine, target: Conditions, size: F64) -> NotContractionError:
+    """The error of an iteration that does not end, naming the point whose steps stay greatest.
+
+    `size` is each point's last step, (n,), mm; not finite where it ran away.
+    """
+    row = int(np.argmax(np.where(np.isfinite(size), size, np.inf)))
+    where = ", ".join(f"{a}={target.position(a)[row]:g}" for a in machine.structure.axes)
+    return NotContractionError(
+        f"no command was found for {where} (mm, rad): the error changes too fast with position; "
+        "look for a wrong unit"
+    )
 
 
 @dataclass(frozen=True, eq=False)
