@@ -76,6 +76,7 @@ class NotifiedChannels:
         self._config, self._channels, self._value_of = config, channels, value_of
         self._sampling, self._every = sampling, every
         self._since = since
+        self._first: int | None = None
         self._next: int | None = None
         self._sampled: float | None = None
         self._held: dict[str, Sample] = {}
@@ -108,6 +109,7 @@ class NotifiedChannels:
         earliest = min(message.asked_at, clock.earliest(made_at))
         self._take_changes(message, earliest, self._published(message, earliest, made_at))
         self._check_sampled(made_at)
+        self._check_begun(message)
         if not message.more:
             # nothing waited there: whatever the next one holds came after this one was made
             self._since = earliest
@@ -118,6 +120,8 @@ class NotifiedChannels:
 
     def _follows(self, message: Published) -> bool:
         """Whether it is the next message; one that is missing may have told of any variable."""
+        if self._first is None:
+            self._first = message.sequence
         due = self._next if self._next is not None else message.sequence
         ahead = (message.sequence - due) % _GREATEST
         if ahead >= _GREATEST // 2:
@@ -184,6 +188,14 @@ class NotifiedChannels:
                 )
             else:
                 raise SubscriptionLostError(f"a message tells of a variable {handle}: unknown")
+
+    def _check_begun(self, message: Published) -> None:
+        """See that the message came that says what everything was in the beginning.
+
+        It is number 1 (Part 4, 5.14.1). Whatever does not change is told of in no other.
+        """
+        if self._first != 1 and not message.more and not self.complete:
+            raise SubscriptionLostError("its first message did not come")
 
     def _check_sampled(self, made_at: float) -> None:
         """See that the server still samples: its own clock changes always."""

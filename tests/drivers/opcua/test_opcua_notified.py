@@ -207,6 +207,20 @@ def test_messages_that_are_repeated_count_once_and_missing_ones_end_it() -> None
         notified.take(server.message(0.001, _EVERY, 0.001), clock)
 
 
+def test_a_first_message_that_is_missing_ends_it() -> None:
+    """It alone tells of y, which stands still: nothing would be known of it for ever."""
+    server, notified, clock = Server(), channels(), ServerClock()
+    server.message(0.001, _EVERY, 0.001)
+    with pytest.raises(SubscriptionLostError, match="its first message did not come"):
+        notified.take(server.message(0.001, _EVERY, 0.001), clock)
+
+
+def test_a_server_that_counts_from_elsewhere_and_tells_of_everything_is_taken() -> None:
+    server, notified, clock = Server(sequence=5), channels(), ServerClock()
+    assert notified.take(server.message(0.001, _EVERY, 0.001), clock)
+    assert notified.take(server.message(0.001, _EVERY, 0.001), clock)
+
+
 def test_numbers_begin_at_one_again() -> None:
     server, notified, clock = Server(sequence=(1 << 32) - 1), channels(), ServerClock()
     notified.take(server.message(0.001, _EVERY, 0.001), clock)
