@@ -69,11 +69,16 @@ def _from_both_sides(found: F64, conditions: Conditions, axis: str) -> F64:
         return found
     gaps = np.diff(found)
     near = gaps < _BESIDE * gaps.max()
-    at, way = conditions.position(axis), np.sign(conditions.direction(axis))
-    nearest = np.abs(at[:, None] - found).argmin(axis=1)
-    ways = [frozenset(way[nearest == k].tolist()) for k in range(len(found))]
+    way = conditions.direction(axis)
+    nearest = np.searchsorted(0.5 * (found[1:] + found[:-1]), conditions.position(axis))
+    up, down, neither = (
+        np.bincount(nearest[rows], minlength=len(found)) > 0
+        for rows in (way > 0.0, way < 0.0, ~(way > 0.0) & ~(way < 0.0))
+    )
     for k in np.flatnonzero(near):
-        if (k and near[k - 1]) or {*ways[k], *ways[k + 1]} != {1.0, -1.0} or ways[k] & ways[k + 1]:
+        two = slice(k, k + 2)
+        both = up[two].sum() == down[two].sum() == 1 and not neither[two].any()
+        if (k and near[k - 1]) or not both or (up[k] and down[k]):
             return found
     return np.array([float(np.mean(part)) for part in np.split(found, np.flatnonzero(~near) + 1)])
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import time
+import tracemalloc
 
 import numpy as np
 import pytest
@@ -61,3 +62,14 @@ def test_a_sweep_of_many_places_is_looked_at_in_no_time() -> None:
     began = time.process_time()
     assert not len(seen(at))
     assert time.process_time() - began < 1.0
+
+
+def test_many_readings_of_many_targets_take_no_table_of_all_pairs() -> None:
+    """A day of a million rows with seven thousand targets asked for 51 GB."""
+    at = np.tile(np.arange(3000.0), 30)
+    tracemalloc.start()
+    try:
+        assert len(seen(at)) == 3000
+        assert tracemalloc.get_traced_memory()[1] < 1000 * len(at)
+    finally:
+        tracemalloc.stop()
