@@ -14,7 +14,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
-BoolArray = NDArray[np.bool_]
+I64 = NDArray[np.int64]
 
 _DECIMALS = 9
 """Of mm, rad and unit vectors: a file that was written anew still has the same rows."""
@@ -71,7 +71,7 @@ def overlap(fitted: Campaign, unseen: Campaign, near: float = 0.0) -> Overlap:
     known = set(_keys(points))
     again = np.array([k in known for k in _keys(others)], dtype=bool)
     if near > 0.0 and not again.all():
-        again |= _beside(fitted, unseen, axes, near)
+        again |= np.array([len(rows) > 0 for rows in met_again(fitted, unseen, near)])
     setup = unseen.conditions.setup
     parts = [] if setup is None else sorted(alike(setup), key=lambda rows: int(rows[0]))
     named = [("" if setup is None else str(setup[rows[0]]), rows) for rows in parts]
@@ -107,9 +107,23 @@ def _same_placing(fitted: Campaign, unseen: Campaign, name: str, axes: list[str]
     return bool(set(_keys(_points(a, []))) & set(_keys(_points(b, []))))
 
 
-def _beside(fitted: Campaign, unseen: Campaign, axes: list[str], near: float) -> BoolArray:
-    """Rows of the second that have one of the first beside them, read the same way."""
+def met_again(fitted: Campaign, unseen: Campaign, near: float, most: int = 1) -> list[I64]:
+    """For each row of the second those of the first that were read there in the same way.
+
+    Parameters
+    ----------
+    near
+        As for `overlap`, mm.
+    most
+        How many rows to name, the nearest ones.
+
+    Returns
+    -------
+    Of each row the numbers of rows of the first; empty where there are none.
+    """
     from scipy.spatial import cKDTree
+
+    axes = [a for a in unseen.conditions.positions if a in fitted.conditions.positions]
 
     def scaled(campaign: Campaign) -> F64:
         points = _points(campaign, axes)
@@ -119,8 +133,10 @@ def _beside(fitted: Campaign, unseen: Campaign, axes: list[str], near: float) ->
         size[2 * len(axes) : 2 * len(axes) + 3] = near
         return np.asarray(points / size)
 
-    apart, _ = cKDTree(scaled(fitted)).query(scaled(unseen), p=np.inf)
-    return np.asarray(apart <= 1.0)
+    _, which = cKDTree(scaled(fitted)).query(
+        scaled(unseen), k=np.arange(1, most + 1), p=np.inf, distance_upper_bound=1.0 + 1e-9
+    )
+    return [row[row < fitted.n] for row in which]
 
 
 def _points(campaign: Campaign, axes: list[str]) -> F64:

@@ -22,6 +22,9 @@ _FEWEST_PAIRS = 4
 _VISITS = 2
 """Readings of each target, on average, from which on they are targets and no sweep."""
 
+_IN_ONE, _PARTS = 100, 1000
+"""Unit vectors are told apart in hundredths."""
+
 
 def targets(conditions: Conditions, axis: str, *, rotary: bool) -> F64:
     """The targets at which an axis was read, increasing, shape (m,), mm or rad.
@@ -85,11 +88,12 @@ def _from_both_sides(found: F64, conditions: Conditions, axis: str) -> F64:
 
 def _one_component(conditions: Conditions) -> NDArray[np.bool_]:
     """The rows of the component that was measured most often, shape (n,)."""
-    measured = np.zeros((conditions.n, 4))
+    number = np.zeros(conditions.n, dtype=np.int64)
     if conditions.u is not None:
-        measured[:, :3] = np.round(np.nan_to_num(conditions.u), 2)
+        for part in np.nan_to_num(conditions.u).T:
+            number = number * _PARTS + np.rint(part * _IN_ONE).astype(np.int64)
     if conditions.kind is not None:
-        measured[:, 3] = conditions.kind
-    _, which, counts = np.unique(measured, axis=0, return_inverse=True, return_counts=True)
-    chosen: NDArray[np.bool_] = which.reshape(-1) == int(np.argmax(counts))
+        number = number * _PARTS + conditions.kind
+    _, which, counts = np.unique(number, return_inverse=True, return_counts=True)
+    chosen: NDArray[np.bool_] = which == int(np.argmax(counts))
     return chosen

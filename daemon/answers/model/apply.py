@@ -11,6 +11,7 @@ from typing import Any
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.comparison.compare import compare
+from abbe.compcore.comparison.read_again import ReadAgain, read_again
 from abbe.compcore.diagnosis.stepwise import Course, Step, UnseenCampaign, to_the_verdict
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.campaign_file import require_signals
@@ -139,12 +140,15 @@ class ReachedModel:
         The last one.
     held_out
         Campaigns that were never fitted; None without any.
+    again
+        What these leave where the fitted ones were read, too; None where that says nothing.
     """
 
     course: Course
     steps: tuple[StepFigures, ...]
     model: Model
     held_out: HeldOutCampaigns | None
+    again: ReadAgain | None = None
 
     def as_json(self) -> dict[str, Any]:
         """What ``--apply`` adds to the answer."""
@@ -213,7 +217,15 @@ def reach(
         progress=progress,
     )
     written = write(course, steps, noise, unseen, out)
-    return ReachedModel(course, tuple(steps), written, held_out)
+    last = course.last
+    seen = (
+        None
+        if unseen is None
+        else read_again(
+            last.result, compare(last.result.model, unseen), rotations=last.of_rotations
+        )
+    )
+    return ReachedModel(course, tuple(steps), written, held_out, seen)
 
 
 def _require_the_same_signals(unseen: Campaign, fitted: Campaign, model: Model) -> None:

@@ -12,6 +12,7 @@ import numpy as np
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.comparison.compare import compare
+from abbe.compcore.comparison.read_again import ReadAgain, read_again
 from abbe.compcore.diagnosis.findings import measured_kinds
 from abbe.compcore.effects import RotaryLocation, SpindleLocation
 from abbe.compcore.effects.base import Effect, NonlinearParameter, Parameter
@@ -60,6 +61,8 @@ class Revision:
         RMS of displacement residuals on campaigns that were not fitted, mm; None without any.
     held_out
         Those campaigns, with what they share with the fitted ones.
+    again
+        What they leave where the fitted ones were read, too; None where that says nothing.
     """
 
     model: Model
@@ -69,6 +72,7 @@ class Revision:
     holdout_before: float | None
     holdout_after: float | None
     held_out: HeldOutCampaigns | None = None
+    again: ReadAgain | None = None
 
 
 def revise(
@@ -120,12 +124,14 @@ def revise(
     named = {"added": added, "removed": removed}
     extra: dict[str, Any] = {k: v for k, v in named.items() if v is not None}
     errors: tuple[float, float] | None = None
+    again: ReadAgain | None = None
     if unseen is not None:
         progress("campaigns that are not fitted")
         beside = [compare(r.model, unseen) for r in (before, after)]
         rotations = measured_kinds(before) == (Kind.ROTATION,)
         parts = [c.rotations if rotations else c.lengths for c in beside]
         errors = (parts[0].rms, parts[1].rms)
+        again = read_again(after, beside[1], rotations=rotations)
         repeats = noise_by_file(unseen, old.machine)
         first, last = (
             {"holdout": campaign_records(unseen, c.residual, repeats)}
@@ -139,7 +145,7 @@ def revise(
     written = replace(kept, fit={**kept.fit, **extra})
     save_model(written, out)
     was, became = errors or (None, None)
-    return Revision(written, before, after, noise, was, became, held)
+    return Revision(written, before, after, noise, was, became, held, again)
 
 
 def _from(fitted: Model, new: Model) -> Model:
@@ -263,6 +269,8 @@ def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
         two=f"{two * factor:.3f}",
         unit=unit,
     )
+    if revision.again is not None:
+        yield from revision.again.words()
     if effect is not None and two > NOT_FALLEN * one:
         yield said(
             "WARNING: the held-out error did not fall. The effect explains the fitted campaign and "

@@ -121,6 +121,9 @@ def diagnose(
     if reached is not None:
         for line in applied_words.as_text(reached.course, reached.model):
             say(line)
+        if reached.again is not None:
+            for line in reached.again.words():
+                say(line)
         say("")
     for line in diagnosis_words(found, noise, advice, adding.command, adding.fitting):
         say(line)
