@@ -1,4 +1,4 @@
-"""What held-out campaigns leave where fitted ones were read, too: lacking in the model, or changed."""
+"""What held-out campaigns leave where fitted ones were read: lacking in the model, or changed."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ _MORE = 1.2
 """Times what the fitted rows leave from which on there is something to explain."""
 _SURE = 2.0
 _OTHER = 3.0
-"""Times what the fitted campaigns differ by among themselves from which on others read otherwise."""
+"""Times what the fitted campaigns differ by among themselves: others read otherwise by more."""
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ class ReadAgain:
 
     @property
     def otherwise(self) -> bool:
-        """Whether the fitted campaigns agree with each other, and the held-out ones not with them."""
+        """Whether the fitted campaigns agree with each other, and held-out ones not with them."""
         return self.among is not None and self.between > _OTHER * self.among
 
     @property
@@ -84,8 +84,8 @@ class ReadAgain:
                 "{rows} of {of} held-out rows were read where fitted ones were, and read otherwise "
                 "by {between}; the fitted ones differ by {among} among themselves: between them "
                 "something was changed (clamped anew, exchanged, adjusted, a crash), or it was as "
-                "much warmer or heavier. No model of the fitted campaigns foretells it: fit to what "
-                "was measured since",
+                "much warmer or heavier. No model of the fitted campaigns foretells it: fit to "
+                "what was measured since",
                 rows=str(self.rows),
                 of=str(self.of),
                 between=between,
