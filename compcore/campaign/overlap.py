@@ -136,7 +136,7 @@ def met_again(fitted: Campaign, unseen: Campaign, near: float, most: int = 1) ->
     _, which = cKDTree(scaled(fitted)).query(
         scaled(unseen), k=np.arange(1, most + 1), p=np.inf, distance_upper_bound=1.0 + 1e-9
     )
-    return [row[row < fitted.n] for row in which]
+    return [row[row < fitted.n] for row in np.asarray(which)]
 
 
 def _points(campaign: Campaign, axes: list[str]) -> F64:
