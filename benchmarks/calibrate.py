@@ -15,8 +15,11 @@ import re
 import subprocess
 import sys
 import tempfile
+import threading
 import time
+from collections.abc import Callable, Sequence
 from pathlib import Path
+from typing import Self
 
 import numpy as np
 
@@ -57,9 +60,8 @@ def start_model() -> str:
 
 
 def one_way(plan: Path) -> None:
-    """Every line once, one way, no nudge: this machine has no play, and the demo is shorter."""
+    """Every line once, one way: this machine has no play, and the demo is shorter."""
     text = plan.read_text("utf-8").replace("both_ways = true", "both_ways = false")
-    text = re.sub(r"^nudge = [\d.]+", "nudge = 0.0", text, flags=re.MULTILINE)
     plan.write_text(re.sub(r"^runs = \d+", "runs = 1", text, flags=re.MULTILINE), "utf-8")
 
 
@@ -71,33 +73,74 @@ def rows_in(campaign: Path) -> int:
     return max(0, sum(not line.startswith("#") for line in lines) - 1)
 
 
-def operate(
-    bench: SimulatedProcess, guide: subprocess.Popen[bytes], plan: Path, model: Path, campaign: Path
-) -> None:
+class Guide:
+    """``abbe calibrate``, whose lines are shown and read; it ends with the context.
+
+    Parameters
+    ----------
+    command
+        As it is typed.
+    """
+
+    def __init__(self, command: Sequence[str]) -> None:
+        self._process = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
+        self._until = time.monotonic() + _LONGEST
+        self._asides = 0
+        self._reader = threading.Thread(target=self._read, daemon=True)
+        self._reader.start()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if self._process.poll() is None:
+            self._process.kill()
+        self._process.wait()
+        self._reader.join()
+
+    def _read(self) -> None:
+        assert self._process.stdout is not None
+        for line in self._process.stdout:
+            print(line, end="", flush=True)
+            self._asides += "stood aside of the line" in line
+
+    @property
+    def asides(self) -> int:
+        """How often an instrument was read at the far end of a nudge, which gives no row."""
+        return self._asides
+
+    def until(self, true: Callable[[], bool]) -> None:
+        """Wait until something is so."""
+        while not true():
+            if self._process.poll() is not None:
+                raise SystemExit(f"abbe calibrate ended with status {self._process.returncode}")
+            if time.monotonic() > self._until:
+                raise SystemExit("nothing happens any more")
+            time.sleep(0.02)
+
+    def end(self) -> None:
+        """Wait for its end, which has to be a good one."""
+        if self._process.wait(_LONGEST):
+            raise SystemExit(f"abbe calibrate ended with status {self._process.returncode}")
+
+
+def operate(bench: SimulatedProcess, guide: Guide, plan: Path, model: Path, campaign: Path) -> None:
     """Run a plan's program once it is there, each target held until its row is on the disk."""
-    until = time.monotonic() + _LONGEST
-    while not campaign.exists():
-        _waiting(guide, until)
+    guide.until(campaign.exists)
     moves = driven(plan, model)
-    targets = [k for k, move in enumerate(moves) if move.get("stands")]
-    first = 0
-    for number, at in enumerate(targets):
+    first, rows = 0, 0
+    for at in [k for k, move in enumerate(moves) if move.get("stands")]:
         part = [{k: v for k, v in m.items() if k != "stands"} for m in moves[first : at + 1]]
+        asides = guide.asides
         bench.order("drive", moves=part, speed=SPEED)
         bench.order("shop", seconds=TARGET_TIME)
         first = at + 1
-        while rows_in(campaign) <= number:
-            _waiting(guide, until)
-    print(f"operator: {plan.name} is through, {len(targets)} targets")
-
-
-def _waiting(guide: subprocess.Popen[bytes], until: float) -> None:
-    if guide.poll() is not None:
-        raise SystemExit(f"abbe calibrate ended with status {guide.returncode}")
-    if time.monotonic() > until:
-        guide.kill()
-        raise SystemExit("nothing happens any more")
-    time.sleep(0.02)
+        if moves[at].get("aside"):
+            guide.until(lambda asides=asides: guide.asides > asides)
+        else:
+            rows += 1
+            guide.until(lambda rows=rows: rows_in(campaign) >= rows)
+    print(f"operator: {plan.name} is through, {rows} targets")
 
 
 def calibrated(folder: Path, hours: str, check_hours: str) -> tuple[float, float, float, str]:
@@ -116,18 +159,12 @@ def calibrated(folder: Path, hours: str, check_hours: str) -> tuple[float, float
         if subprocess.run([*command, "--upto", "plan"], check=False).returncode:
             raise SystemExit("the plan could not be made")
         one_way(files / "plan.toml")
-        guide = subprocess.Popen(command)
-        try:
+        with Guide(command) as guide:
             operate(bench, guide, files / "plan.toml", files / "start.toml", files / "campaign.csv")
             operate(
                 bench, guide, files / "check.toml", files / "calibrated.toml", files / "check.csv"
             )
-            if guide.wait(_LONGEST):
-                raise SystemExit(f"abbe calibrate ended with status {guide.returncode}")
-        finally:
-            if guide.poll() is None:
-                guide.kill()
-                guide.wait()
+            guide.end()
         # a cause that was found may be thermal: as warm as at the check's last target
         machine = load_model(files / "start.toml").machine
         read = read_campaign(files / "check.csv", machine).conditions.signals

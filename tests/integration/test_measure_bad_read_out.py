@@ -6,7 +6,9 @@ and that it still changes where the machine stands.
 
 from __future__ import annotations
 
+import os
 import shutil
+import signal
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -17,7 +19,7 @@ import pytest
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.drivers.simulated.process import SimulatedProcess
-from tests.integration.test_measure import campaign_of
+from tests.integration.test_measure import campaign_of, driver
 from tests.support.daemon.bad_read_out import BadReadOut
 from tests.support.daemon.live_run import MODEL
 from tests.support.daemon.measuring import (
@@ -42,14 +44,15 @@ OFF_UM = 0.6
 
 
 @contextmanager
-def shop(
+def bare_shop(
     folder: Path,
     *,
     late: float = 0.0,
     factor: float = 1.0,
     nudge: float = 0.05,
     garbled: float = 0.0,
-) -> Iterator[tuple[SimulatedProcess, MeasureRun, Driver]]:
+) -> Iterator[tuple[SimulatedProcess, BadReadOut]]:
+    """The machine and the read-out, with files to measure by."""
     shutil.copy(MODEL, folder / "model.toml")
     plan = write_plan(folder / "plan.toml", LINE)
     text = plan.read_text("utf-8")
@@ -61,9 +64,23 @@ def shop(
             text = config.read_text("utf-8").replace(process.ready["laser"], read_out.port)
             text = text.replace("incremental = true", "incremental = false")
             config.write_text(text, "utf-8")
-            with measuring(plan, config, folder / "campaign.csv") as run:
-                run.until(lambda e: e["event"] == "next")
-                yield process, run, Driver(process, run, plan, folder / "model.toml")
+            yield process, read_out
+
+
+@contextmanager
+def measured(folder: Path, process: SimulatedProcess) -> Iterator[tuple[MeasureRun, Driver]]:
+    """``abbe measure`` in such a shop, and who drives the machine."""
+    plan = folder / "plan.toml"
+    with measuring(plan, folder / "config.toml", folder / "campaign.csv") as run:
+        run.until(lambda e: e["event"] == "next")
+        yield run, Driver(process, run, plan, folder / "model.toml")
+
+
+@contextmanager
+def shop(folder: Path, **faults: float) -> Iterator[tuple[SimulatedProcess, MeasureRun, Driver]]:
+    """Both."""
+    with bare_shop(folder, **faults) as (process, _), measured(folder, process) as (run, machine):
+        yield process, run, machine
 
 
 def off(process: SimulatedProcess, found: Campaign) -> float:
@@ -101,6 +118,66 @@ def test_another_unit_and_a_turned_sign_give_no_row(
         assert words in run.kinds("doubt")[0]["text"]
         assert run.kinds("row") == []
         run.end()
+
+
+def test_gone_on_with_after_a_kill_it_has_to_show_the_move_again(tmp_path: Path) -> None:
+    """Nobody knows what was done to it meanwhile: here its sign was turned."""
+    with bare_shop(tmp_path) as (process, read_out):
+        with measured(tmp_path, process) as (run, machine):
+            machine.read(0, 1)
+            os.kill(run.process.pid, signal.SIGKILL)
+            run.process.wait()
+        kept = (tmp_path / "campaign.csv").read_bytes()
+        read_out.factor = -1.0
+        with measured(tmp_path, process) as (run, machine):
+            # the program is gone on with where it was
+            process.order("drive", moves=[{"to": machine.place(2)}], speed=SPEED)
+            said = run.until(lambda e: e["event"] == "doubt")
+            assert "go Z +0.050 mm aside of this target" in said["text"]
+            # it is begun again: shown, and not kept
+            since = len(run.events)
+            machine.to(0)
+            said = run.until(lambda e: e["event"] == "doubt", since=since)
+            assert "its sign is turned" in said["text"]
+            assert (tmp_path / "campaign.csv").read_bytes() == kept
+            read_out.factor = 1.0
+            # set right, it is gone on with at the target that is next, nudged there by hand
+            for target, height in ((2, -180.05), (2, -179.95), (2, -180.05), (2, -180.0)):
+                since = len(run.events)
+                place = [*machine.place(target)[:2], height]
+                way = [{"to": [place[0] - 2.0, *place[1:]]}, {"to": place}]
+                process.order("drive", moves=way, speed=SPEED)
+                if height == -179.95:
+                    run.until(lambda e: "back to this target" in e["text"], since=since)
+            run.rows(1)
+            machine.read(3, 4, 5, 6, 7)
+            assert run.wait() == 0, run.said
+            assert any("follows: it shows" in e["text"] for e in run.kinds("note"))
+        found = campaign_of(tmp_path)
+        assert found.n == 8
+        assert off(process, found) < OFF_UM
+
+
+def test_switched_off_meanwhile_it_has_to_show_the_move_again(tmp_path: Path) -> None:
+    with bare_shop(tmp_path) as (process, read_out), measured(tmp_path, process) as (run, machine):
+        machine.read(0, 1)
+        read_out.silent = True
+        run.until(lambda e: e["event"] == "lost")
+        read_out.silent, read_out.factor = False, 1.0 / 25.4
+        run.until(lambda e: e["event"] == "back")
+        since = len(run.events)
+        machine.to(2)
+        said = run.until(lambda e: e["event"] == "doubt", since=since)
+        assert "was not seen to follow the machine since it was left alone" in said["text"]
+        assert len(run.kinds("row")) == 2
+        read_out.factor = 1.0
+        again = driver(process, run, tmp_path)
+        again.to(0)
+        run.until(lambda e: e["event"] == "repeated", since=since)
+        assert any("follows: it shows" in e["text"] for e in run.events[since:])
+        again.read(2, 3, 4, 5, 6, 7)
+        assert run.wait() == 0, run.said
+        assert off(process, campaign_of(tmp_path)) < OFF_UM
 
 
 def test_without_the_nudge_nothing_is_kept_of_a_plan_that_has_it(tmp_path: Path) -> None:

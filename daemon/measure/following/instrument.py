@@ -54,6 +54,8 @@ class Instrument:
         Why it has none; empty when it has.
     interruptions
         How often it has been interrupted: beam lost, link lost.
+    restarts
+        How often it may have been switched off meanwhile: link lost, or silent for long.
     """
 
     def __init__(self, name: str, section: InstrumentSection, unit: str) -> None:
@@ -69,9 +71,11 @@ class Instrument:
         self.time = -math.inf
         self.problem = "not read yet"
         self.interruptions = 0
+        self.restarts = 0
         self._reconnects: int | None = None
         self._missing = 0
         self._away = 0.0
+        self._silent = 0.0
         self._looked = -math.inf
         self._there = False
 
@@ -95,23 +99,26 @@ class Instrument:
         reconnects
             How often its links have come back so far.
         """
-        if self._reconnects is not None and reconnects != self._reconnects and self._there:
-            self._interrupted()
+        if self._reconnects is not None and reconnects != self._reconnects:
+            self.restarts += 1
+            if self._there:
+                self._interrupted()
         self._reconnects = reconnects
-        problem, lost = "", False
+        problem, lost, answers = "", False, False
         if self._beam is not None:
             link, name = self._beam
             sample = batch[link][name]
             if not sample.good:
                 problem = sample.reason or sample.quality.value
             elif sample.value == 0.0:
-                problem, lost = "no beam", True
+                problem, lost, answers = "no beam", True, True
         for link, name in self._sources:
             sample = batch[link][name]
             if not problem and not sample.good:
                 problem = sample.reason or sample.quality.value
                 # an answer without a number is all that some instruments say of a lost beam
-                lost = sample.quality is Quality.BAD and self._missing >= _UNREADABLE
+                answers = sample.quality is Quality.BAD
+                lost = answers and self._missing >= _UNREADABLE
             elif not problem and now - sample.time > self.section.stale_after:
                 problem = f"its reading is {now - sample.time:.1f} s old"
         self.problem = problem
@@ -120,12 +127,17 @@ class Instrument:
             self._missing += 1
             # who was away for so long may have been switched off; if it was us who were, it counts
             # as one look
-            self._away += min(now - self._looked, _LOOK)
+            look = min(now - self._looked, _LOOK)
+            self._away += look
             self._looked = now
+            before = self._silent
+            self._silent = 0.0 if answers else before + look
+            if before <= self.section.stale_after < self._silent:
+                self.restarts += 1
             if self._there and (lost or self._away > self.section.stale_after):
                 self._interrupted()
             return
-        self._missing, self._away = 0, 0.0
+        self._missing, self._away, self._silent = 0, 0.0, 0.0
         self._looked = now
         self._there = True
         samples = [batch[link][name] for link, name in self._sources]

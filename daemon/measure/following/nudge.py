@@ -1,6 +1,7 @@
 """The nudge before a set-up's first target: whether its instrument shows a small known move.
 
-Sign, unit, frozen, not touching, late by seconds: each shows, before any row is kept.
+Sign, unit, frozen, not touching, late by seconds: each shows, before any row is kept. Who was
+switched off, or followed by nobody, meanwhile has to show it again, at whichever target it is.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ _HARDLY, _FAR = 0.25, 4.0
 
 
 class NudgeCheck:
-    """Holds what is read at the end of the nudge against what is read at the first target.
+    """Holds what is read at the end of the nudge against what is read at its target.
 
     Parameters
     ----------
@@ -50,8 +51,9 @@ class NudgeCheck:
         self.forget()
 
     def forget(self) -> None:
-        """Turn to another set-up."""
+        """Turn to another set-up, or to an instrument that may be another one now."""
         self._at_end: tuple[tuple[float, ...], tuple[float, ...]] | None = None
+        self._target: int | None = None
         self.follows = False
         self.problem = ""
 
@@ -59,8 +61,15 @@ class NudgeCheck:
         """Axis → mm of the nudge of a set-up; empty where it has none."""
         return nudge_of(self._machine, setup, self._amount)
 
+    def awaited(self, setup: PlannedSetup, target: int) -> bool:
+        """Whether a stand at a target may be one of the nudge: at the first, or if none was seen.
+
+        The axes that it moves stand still along the line: at every target they are as at the first.
+        """
+        return bool(self.wanted(setup)) and (target == 0 or not self.follows)
+
     def aside(self, setup: PlannedSetup, place: Mapping[str, float]) -> tuple[float, ...]:
-        """What a stand at the first target shows by being aside of the line, by direction, mm."""
+        """What a stand at a target shows by being aside of the line, by direction, mm."""
         off = np.zeros(3)
         for axis in self.wanted(setup):
             off += (place[axis] - float(setup.targets[axis][0])) * np.asarray(
@@ -74,28 +83,37 @@ class NudgeCheck:
         return self._at(setup, place, 1.0) or self._at(setup, place, -1.0)
 
     def take_end(
-        self, setup: PlannedSetup, place: Mapping[str, float], values: Sequence[float]
+        self,
+        setup: PlannedSetup,
+        target: int,
+        place: Mapping[str, float],
+        values: Sequence[float],
     ) -> bool:
         """Take a stand in that is an end of the nudge, and no target; whether it is the far end."""
         if not self._at(setup, place, 1.0):
             return False
         self._at_end, self.follows = (tuple(values), self.aside(setup, place)), False
+        self._target = target
         return True
 
     def judge(
         self,
         setup: PlannedSetup,
+        target: int,
         instrument: Instrument,
         place: Mapping[str, float],
         values: Sequence[float],
     ) -> str:
-        """Hold the first target against the end of the nudge; what is to be said, or empty."""
-        if self._at_end is None or self.follows:
+        """Hold its target against the end of the nudge; what is to be said, or empty.
+
+        At another target optics that stand askew would show that, too.
+        """
+        if self._at_end is None or self.follows or target != self._target:
             return ""
         shown, aside = self._at_end
         moved = [a - b for a, b in zip(aside, self.aside(setup, place), strict=True)]
         read = [a - b for a, b in zip(shown, values, strict=True)]
-        allowed = max(_OFF * max(map(abs, moved)), _SURE * instrument.sd(setup, 0))
+        allowed = max(_OFF * max(map(abs, moved)), _SURE * instrument.sd(setup, target))
         self.follows = all(abs(r - m) <= allowed for r, m in zip(read, moved, strict=True))
         words = ", ".join(f"{r:+.4f}" for r in read)
         wanted = ", ".join(f"{m:+.4f}" for m in moved)
@@ -110,6 +128,10 @@ class NudgeCheck:
             f"{_why(read, moved)}; set right, begin the program of this set-up again"
         )
         return ""
+
+    def problem_at(self, target: int) -> str:
+        """The problem, whole at the target where it was seen."""
+        return self.problem if target == self._target else "was not seen to follow the machine yet"
 
     def _at(self, setup: PlannedSetup, place: Mapping[str, float], sense: float) -> bool:
         wanted = self.wanted(setup)

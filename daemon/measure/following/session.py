@@ -76,7 +76,7 @@ class Measurement:
             course, self._view, self._zero, self._nudge, self._rows, self._news, clock,
             anew=self._zero.renew and course.begin_anew(),
         )  # fmt: skip
-        self._interruptions = 0
+        self._interruptions = self._restarts = 0
         self._ready = False
         self._lost = ""
         self._runs = RunsBeside(configuration)
@@ -170,8 +170,13 @@ class Measurement:
     def _follow_instrument(self) -> None:
         """Notice that the instrument was interrupted, and that it reads again."""
         instrument = self._instrument
+        if instrument.restarts != self._restarts:
+            self._restarts = instrument.restarts
+            self._taking.restarted()
         if instrument.interruptions != self._interruptions:
             self._interruptions = instrument.interruptions
+            if instrument.section.loses_zero:
+                self._taking.interrupted()
             begun = self._ready and self.course.here.begun
             self._zero.interrupted(counts=begun and instrument.section.loses_zero)
             if begun and not self._lost:

@@ -72,12 +72,20 @@ class TargetTaking:
     def forget(self) -> None:
         """Turn to another set-up."""
         self.anew, self._last = False, None
+        self.restarted()
+
+    def restarted(self) -> None:
+        """Note that the instrument may have been switched off: what it showed counts no more."""
         self._nudge.forget()
 
+    def interrupted(self) -> None:
+        """Note that the instrument counts from another zero: half a nudge is none."""
+        if not self._nudge.follows:
+            self._nudge.forget()
+
     def nudging(self, visit: int) -> bool:
-        """Whether a stand at a visit may be one of the nudge before the first target."""
-        here = self._course.here
-        return int(here.order[visit]) == 0 and bool(self._nudge.wanted(self._course.setup))
+        """Whether a stand at a visit may be one of the nudge."""
+        return self._nudge.awaited(self._course.setup, int(self._course.here.order[visit]))
 
     def look(self, visit: int, reading: SteadyReading, instrument: Instrument) -> None:
         """Take in readings that do not count: they may tell what is wrong."""
@@ -163,23 +171,25 @@ class TargetTaking:
         setup = course.setup
         if instrument.section.reads != "error" or not nudge.wanted(setup):
             return values
-        first = int(course.here.order[visit]) == 0
-        if first and nudge.turning(setup, place):
-            if nudge.take_end(setup, place, values):
+        target, begun = int(course.here.order[visit]), course.here.begun
+        which = "this" if begun else "the first"
+        if nudge.awaited(setup, target) and nudge.turning(setup, place):
+            if nudge.take_end(setup, target, place, values):
                 words = f"{instrument.name} was read where the machine stood aside of the line"
-                self._news.event("note", f"{words}: back to the first target")
+                self._news.event("note", f"{words}: back to {which} target")
             return None
-        if first and (follows := nudge.judge(setup, instrument, place, values)):
+        if follows := nudge.judge(setup, target, instrument, place, values):
             self._news.event("note", follows)
         doubt = ""
         if nudge.problem:
-            doubt = nudge.problem if first else "was not seen to follow the machine yet"
-        elif not nudge.follows and not course.here.begun:
+            doubt = nudge.problem_at(target)
+        elif not nudge.follows:
             way = ", ".join(f"{a} {by:+.3f} mm" for a, by in nudge.wanted(setup).items())
+            since = "since it was left alone" if begun else "yet"
             doubt = (
-                "was not seen to follow the machine yet, with its sign, in its unit and in time: "
-                f"go {way} aside of the first target, stand there as long as at a target, and come "
-                "back to it, as the program does"
+                f"was not seen to follow the machine {since}, with its sign, in its unit and in "
+                f"time: go {way} aside of {which} target, stand there as long as at a target, and "
+                "come back to it, as the program of this set-up does at its beginning"
             )
         if doubt:
             self._news.event("doubt", f"{instrument.name} {doubt}; this target is not kept")

@@ -114,12 +114,12 @@ def judge(check, setup, instrument, shown, rng, noise: float, off: float = 0.0, 
 
     near, values = stand(-0.05, -0.03)
     assert check.turning(setup, near)
-    assert not check.take_end(setup, near, values)
+    assert not check.take_end(setup, 0, near, values)
     far, values = stand(0.05, 0.03)
-    assert check.take_end(setup, far, values)
+    assert check.take_end(setup, 0, far, values)
     place, values = stand(0.0, 0.0)
     assert not check.turning(setup, place)
-    check.judge(setup, instrument, place, values)
+    check.judge(setup, 0, instrument, place, values)
 
 
 def test_a_reading_that_changes_after_it_was_taken_is_noticed_and_scatter_is_not(

@@ -37,6 +37,8 @@ class BadReadOut:
         By which it multiplies what it shows.
     garbled
         Part of its answers that the line makes unreadable.
+    silent
+        Whether it answers nothing, as one that is switched off.
     port
         Where it is read.
     """
@@ -45,6 +47,7 @@ class BadReadOut:
     late: float = 0.0
     factor: float = 1.0
     garbled: float = 0.0
+    silent: bool = False
     port: str = ""
     _said: deque[tuple[float, str]] = field(default_factory=deque)
     _chance: random.Random = field(default_factory=lambda: random.Random(1))
@@ -95,7 +98,7 @@ class BadReadOut:
             except BlockingIOError:
                 time.sleep(0.005)
                 continue
-            for _ in range(asked):
+            for _ in range(0 if self.silent else asked):
                 shown = "\x7f~#" if self._chance.random() < self.garbled else self._shown()
                 os.write(master, (shown + "\r\n").encode())
 
