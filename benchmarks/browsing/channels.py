@@ -14,13 +14,12 @@ from pathlib import Path
 import numpy as np
 from playwright.sync_api import Browser
 
+from benchmarks.browsing.fifty import CHANNELS, filled, with_more
 from benchmarks.browsing.taken import BrowserProcesses, resident, spent
 from tests.support.daemon.browser import chromium, visit
-from tests.support.daemon.live_run import MODEL, compensating, live_run, machine
+from tests.support.daemon.live_run import compensating, live_run, machine
 from tests.support.daemon.workbench import OpenedWorkbench, opened
 
-CHANNELS = 50
-"""Three axes' positions and thermometers."""
 _SETTLED = 120.0
 """s after which figures are taken: what is drawn first is drawn, and every path was taken once."""
 _EVERY = 10.0
@@ -32,6 +31,10 @@ def fifty_channels(seconds: float) -> str:
     """Measure; the figures as a page has them."""
     with tempfile.TemporaryDirectory() as name, machine(Path(name)) as (_, config):
         with_more(config)
+        with live_run(config) as before:
+            before.until(compensating)
+            time.sleep(2.0)
+        filled(Path(name) / "records.sqlite")
         with ExitStack() as stack:
             bench = stack.enter_context(opened(config))
             run = stack.enter_context(live_run(config))
@@ -112,8 +115,9 @@ The browser that no tool listens in on, at the end, before and after its garbage
 
 Target: under 30 % of a core, server under 120 MB, and no growth. Growth, ± {_COVERAGE:g} standard
 errors, is the slope of a straight line through a sample every {_EVERY:.0f} s of
-{passed / 60.0:.0f} minutes, begun {_SETTLED:.0f} s after the page was opened, in which the records,
-and with them the pictures of the past, fill; the standard error takes what is left as independent.
+{passed / 60.0:.0f} minutes, begun {_SETTLED:.0f} s after the page was opened; the hour before it is
+full of records, so that the pictures are full from the first; the standard error takes what is left
+as independent.
 Objects, elements and listeners are counted by the browser's own tools after garbage was collected,
 which costs processor time, too; and a browser whose network is listened in on (Chrome DevTools
 Protocol, `Network.enable`, as test tools do) grows by it: measured apart, in 8 minutes at
@@ -155,31 +159,6 @@ def _collected(browser: Browser, attached: Path) -> None:
         devtools.send("HeapProfiler.collectGarbage")
     time.sleep(5.0)  # pages that are empty go a little later
     other.close()
-
-
-def with_more(config: Path) -> None:
-    """The same machine with as many signals as make `CHANNELS`, of its thermistors in turn."""
-    text = config.read_text()
-    sensors = [line for line in text.splitlines() if line.startswith("[signals.")]
-    more = CHANNELS - 3 - len(sensors)
-    parts = text.split("[signals.")[1:]
-    bodies = [part.partition("]")[2].partition("[")[0].strip() for part in parts]
-    model = Path(MODEL).read_text()
-    signals, known = [], []
-    for k in range(more):
-        body = bodies[k % len(bodies)]
-        signals.append(f"[signals.T_more_{k + 1}]\n{body}\n")
-        known.append(
-            f'[machine.signals.T_more_{k + 1}]\nunit = "degC"\nrole = "structure"\n'
-            f'location = "place {k + 1}"\n'
-        )
-    at = model.index("[machine.signals.")
-    changed = config.with_name("model.toml")
-    changed.write_text(model[:at] + "\n".join(known) + "\n" + model[at:])
-    text = text.replace(f'model = "{MODEL}"', 'model = "model.toml"', 1)
-    at = text.index("[signals.")
-    text = text[:at] + "\n".join(signals) + "\n" + text[at:]
-    config.write_text(f"{text}\n[records]\nevery = 0.1\n\n[http]\n")
 
 
 def _growth(at: np.ndarray, values: np.ndarray) -> str:

@@ -2,21 +2,17 @@
 
 from __future__ import annotations
 
-import sqlite3
 import tempfile
 import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import closing
 from pathlib import Path
 from urllib.parse import urlencode
 
-from benchmarks.browsing.channels import CHANNELS, with_more
+from benchmarks.browsing.fifty import CHANNELS, EVERY, HOUR, filled, with_more
 from benchmarks.browsing.taken import resident
 from tests.support.daemon.live_run import compensating, live_run, machine
 from tests.support.daemon.workbench import OpenedWorkbench, opened
 
-_HOUR = 3600.0
-_EVERY = 0.1
 _VIEWERS = 2
 _MOMENTS = 5
 
@@ -28,7 +24,7 @@ def full_hour(turns: int) -> str:
         with live_run(config) as run:
             run.until(compensating)
             time.sleep(2.0)
-        series = _filled(Path(name) / "records.sqlite")
+        series = filled(Path(name) / "records.sqlite")
         with opened(config) as bench, live_run(config) as run:
             run.until(compensating)
             bench.enter()
@@ -43,7 +39,7 @@ def full_hour(turns: int) -> str:
     kept = ", ".join(f"{m:.1f}" for m in memory[1:])
     return f"""### Pictures of a full hour
 
-The machine with {CHANNELS} channels, an hour of {series} series recorded every {_EVERY:g} s; each
+The machine with {CHANNELS} channels, an hour of {series} series recorded every {EVERY:g} s; each
 picture of it asked for as {_VIEWERS} browsers do, all at once, {asked} pictures in all.
 
 | | |
@@ -65,24 +61,10 @@ def _asked(bench: OpenedWorkbench, pool: ThreadPoolExecutor) -> int:
             pool.submit(
                 bench.json,
                 "/api/live/picture?"
-                + urlencode({"name": p["name"], "first": now - _HOUR, "last": now}),
+                + urlencode({"name": p["name"], "first": now - HOUR, "last": now}),
             )
             for p in known["pictures"]
         ]
     for one in waiting:
         one.result()
     return len(waiting)
-
-
-def _filled(path: Path) -> int:
-    """Fill the hour before now for each series that a run has begun; how many they are."""
-    first, rows = time.time() - _HOUR - 60.0, round(_HOUR / _EVERY)
-    with closing(sqlite3.connect(path)) as connection, connection:
-        numbers = [row[0] for row in connection.execute("SELECT series FROM series")]
-        for number in numbers:
-            connection.execute(
-                "WITH RECURSIVE t(n) AS (SELECT 0 UNION ALL SELECT n + 1 FROM t WHERE n + 1 < ?) "
-                "INSERT OR IGNORE INTO full SELECT ?, ? + n * ?, 20.0 + 1e-3 * (n % 997) FROM t",
-                (rows, number, first, _EVERY),
-            )
-    return len(numbers)
