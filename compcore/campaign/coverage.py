@@ -73,6 +73,8 @@ class Coverage:
         shorter than two of it is not told from a longer one.
     places
         Axis → at how many places it was read.
+    spans
+        Axis → from the least to the greatest place at which it was read, mm or rad.
     stretch
         From the first to the last row between which no night lies, s (the longest such).
     """
@@ -90,6 +92,7 @@ class Coverage:
     interval: float = 0.0
     steps: Mapping[str, float] = field(default_factory=dict)
     places: Mapping[str, int] = field(default_factory=dict)
+    spans: Mapping[str, float] = field(default_factory=dict)
     stretch: float = 0.0
 
     def shows(self, axis: str, numbers: int) -> bool:

@@ -307,6 +307,16 @@ class Effect(BaseModel, ABC):
         """Axis → length (mm or rad) after which all columns repeat, anywhere in its travel."""
         return {}
 
+    def misnamed(self, values: Mapping[str, float]) -> bool:
+        """Whether fitted values say that it is another one of its kind that acts.
+
+        Parameters
+        ----------
+        values
+            By parameter, mm or rad.
+        """
+        return False
+
     def kinks_move(self, machine: Machine) -> bool:
         """Whether slopes jump at positions that move with signals, time or other axes' positions.
 

@@ -246,7 +246,8 @@ class Pool:
         ):
             # a thermometer does not read wrong by any amount: its reading describes, no more
             doubt += found.evidence.value
-        if any(e.impossible for e in fitted):
+        values = {e.name: e.value for e in fitted}
+        if any(e.impossible for e in fitted) or found.candidate.effect.misnamed(values):
             doubt += found.evidence.value
         doubt += self._lingering(basis, found)
         if doubt <= 0.0:

@@ -20,6 +20,10 @@ LEADS_MM = (10.0, 5.0, 20.0, 6.0, 8.0, 4.0, 12.0, 16.0, 25.0, 40.0, 32.0, 30.0, 
 """Leads of ball screws, mm (ISO 3408-2 and the makers' series between), the commonest first."""
 
 _MOST_STARTS = 240
+_GREATER = 2.0
+"""Times the wave from which on a harmonic of it is the wave."""
+_FEWEST_WAVES = 2.0
+"""Of fewer waves than that a curve says the same."""
 _RESOLVED = 1.02
 _FEWEST_TEETH, _MOST_TEETH = 5, 360
 """Waves in a turn of a rotary axis that are looked for: teeth of a worm wheel, poles of a motor."""
@@ -132,27 +136,32 @@ class Cyclic(Effect):
         """The period: none that even steps show as one longer than any screw's or scale's.
 
         Of those that even steps do not resolve, and of the wave that all of them look like, only
-        the commonest lead of a screw.
+        the commonest lead of a screw. Of a rotary axis those of which two waves were read at least;
+        empty where there is none.
         """
         found = self.nonlinear(machine)
         step = coverage.steps.get(self.axis, 0.0)
         axis = machine.axis(self.axis)
+        span = coverage.spans.get(self.axis, 2.0 * axis.half_travel)
         if axis.rotary and not step and coverage.places:
-            # uneven angles: no more waves in a turn than half of the places of a whole one
-            step = 2.0 * axis.half_travel / max(coverage.places.get(self.axis, 2) - 1, 1)
-        if not found or not step or 2.0 * step >= found[0].bounds[1]:
+            # uneven angles: no more waves than half of the places
+            step = span / max(coverage.places.get(self.axis, 2) - 1, 1)
+        if not found:
             return found
         (period,) = found
         if axis.rotary:
-            told = [p for p in period.starts if p > 2.0 * step * _RESOLVED]
+            told = [
+                p for p in period.starts if 2.0 * step * _RESOLVED < p <= span / _FEWEST_WAVES
+            ]
+            if not told:
+                return ()
+        elif not step or 2.0 * step >= period.bounds[1]:
+            return found
         else:
             told = _told_apart(period, step)
         low = max(period.bounds[0], 0.9 * min(told, default=2.0 * step))
-        return (
-            replace(
-                period, bounds=(low, period.bounds[1]), starts=tuple(told) or (period.bounds[1],)
-            ),
-        )
+        high = min(period.bounds[1], 1.1 * max(told)) if axis.rotary else period.bounds[1]
+        return (replace(period, bounds=(low, high), starts=tuple(told) or (high,)),)
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
@@ -183,6 +192,19 @@ class Cyclic(Effect):
         """The period."""
         return {self.axis: self._period(machine, nonlinear)}
 
+    def misnamed(self, values: Mapping[str, float]) -> bool:
+        """Whether a harmonic is much greater than the wave: then that is the wave, and shorter.
+
+        Of a period that is known from the screw or the scale nothing follows: unequal signals of a
+        reader give the second harmonic alone (Heydemann, Appl. Opt. 20, 1981, 3382).
+        """
+        if self.period is not None:
+            return False
+        first, *others = (
+            float(np.hypot(values[f"A{h}"], values[f"B{h}"])) for h in range(1, self.harmonics + 1)
+        )
+        return any(other > _GREATER * first for other in others)
+
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Cyclic]:
         """Each axis that moved, its period to be found; a wave, and one that is no sine.
@@ -193,5 +215,6 @@ class Cyclic(Effect):
             if machine.axis(axis).rotary and 2.0 * machine.axis(axis).half_travel < WHOLE_TURN:
                 continue
             for harmonics in (1, 2):
-                if coverage.shows(axis, 2 * harmonics + 1):
-                    yield cls(axis=axis, harmonics=harmonics)
+                effect = cls(axis=axis, harmonics=harmonics)
+                if coverage.shows(axis, 2 * harmonics + 1) and effect.search(machine, coverage):
+                    yield effect
