@@ -146,6 +146,10 @@ def standing(given: Model, result: FitResult, beside: Sequence[F64] = ()) -> Sta
     if given.covariance is None or not all(t.fitted for t in given.terms) or not given.terms:
         return None
     with threads_for(result.problem.n * result.problem.layout.size):
+        known = _GivenValues(given, given.covariance, result, ())
+        if not beside or known.disagrees(known.chi2(())) > _AGREES:
+            # values that agree by themselves have not changed, whatever else was taken for them
+            return _standing(known)
         return _standing(_GivenValues(given, given.covariance, result, beside))
 
 

@@ -51,6 +51,8 @@ class GrowingModel:
         After how many steps a regression on all thermometers was last asked; −1: never.
     together
         The sets of effects that `add_once_together` asked.
+    bodies, as_bodies
+        Whether all error motions of the axes may be added at once, and whether they were.
     spoiling
         What fitted blocks asked for and the held-out campaign refused, by its specs.
     """
@@ -62,8 +64,11 @@ class GrowingModel:
         on_step: Callable[[Step], None],
         progress: Progress,
         unseen: UnseenCampaign | None = None,
+        *,
+        bodies: bool = True,
     ) -> None:
         self.campaign = campaign
+        self.bodies, self.as_bodies = bodies, False
         self._unseen = unseen
         self.spoiling: dict[tuple[str, ...], tuple[Effect, ...]] = {}
         self._on_step, self.progress = on_step, progress
@@ -162,11 +167,14 @@ class GrowingModel:
 
         Taken out since, as the others say it too, it would come back for ever.
         """
+        return self.once(effects) and self.add_together(effects, falls)
+
+    def once(self, effects: Sequence[Effect]) -> bool:
+        """Whether a set of effects is asked for the first time."""
         specs = frozenset(e.spec for e in effects)
-        if specs in self.together:
-            return False
+        asked = specs in self.together
         self.together.add(specs)
-        return self.add_together(effects, falls)
+        return not asked
 
     def make_together(
         self, before: str, last: str, more: Grown, result: FitResult, out: LeftOutErrors

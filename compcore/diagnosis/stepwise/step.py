@@ -21,7 +21,8 @@ class Step:
     ----------
     action
         ``began``, ``added``, ``added together`` (with the next, as neither predicts anything
-        alone), ``lagged`` (its signals stand behind a lag now), ``second body`` (behind the same
+        alone), ``added with the others`` (error motions that every axis has, all at once),
+        ``lagged`` (its signals stand behind a lag now), ``second body`` (behind the same
         signal), ``began elsewhere`` (than in equilibrium with its signal), ``described`` (by what
         explains nothing), ``removed``, ``set aside`` (readings that stand alone), ``composed``
         (errors in full, no longer by the lever rule).

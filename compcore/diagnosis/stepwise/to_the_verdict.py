@@ -24,14 +24,20 @@ from abbe.compcore.diagnosis.stepwise.warmth import (
     regress,
     sharpen,
 )
+from abbe.compcore.diagnosis.stepwise.whole_body import whole_body
 from abbe.compcore.diagnosis.verdict import Diagnosis
+from abbe.compcore.distributions import chi2_limit
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.gravity import GravityFlexure
+from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 
-MOST_STEPS = 40
+MOST_STEPS = 60
 """A model that needs more effects is looked at by its user first."""
+
+_CHANCE = 1e-4
+"""Chance of so large a χ² from which on what is left is not all noise."""
 
 _COLUMNS = 100
 """Parameters that the models on the way have, about: for the choice of threads."""
@@ -47,6 +53,7 @@ def to_the_verdict(
     unseen: UnseenCampaign | None = None,
     on_step: Callable[[Step], None] = lambda _: None,
     again: Callable[[Step], None] = lambda _: None,
+    instead: Callable[[Step, Step], None] = lambda _, __: None,
     progress: Progress = lambda _: None,
 ) -> Course:
     """Add what the diagnosis establishes until it establishes nothing more.
@@ -64,6 +71,8 @@ def to_the_verdict(
         Called with every step as soon as it is made.
     again
         Called before all is begun anew, with the step after which it was predicted best.
+    instead
+        Called where another way foretells better, with the ends of both, before its steps.
     progress
         Called with a few words at the start of each stage.
 
@@ -72,8 +81,24 @@ def to_the_verdict(
     FitError
         As `diagnose`.
     """
+
+    def followed(held_out: UnseenCampaign | None = None) -> Course:
+        growing = GrowingModel(model, campaign, on_step, progress, held_out)
+        course = _followed(growing)
+        if not growing.as_bodies or _is_noise(course.last.result):
+            return course
+        progress("another way: one cause after another")
+        other = GrowingModel(model, campaign, lambda _: None, progress, held_out, bodies=False)
+        found = _followed(other)
+        if not _foretells_better(found.last, course.last):
+            return course
+        instead(course.last, found.last)
+        for step in found.steps:
+            on_step(step)
+        return found
+
     with threads_for(campaign.n * _COLUMNS):
-        course = _followed(GrowingModel(model, campaign, on_step, progress))
+        course = followed()
         if unseen is None:
             return course
         models = [step.result.model for step in course.steps]
@@ -81,12 +106,26 @@ def to_the_verdict(
         if not unseen.spoilt(models[best], models[-1]):
             return course
         again(course.steps[best])
-        return _followed(GrowingModel(model, campaign, on_step, progress, unseen))
+        return followed(unseen)
+
+
+def _is_noise(result: FitResult) -> bool:
+    """Whether no more is left than stated or repeated uncertainties say, by χ²."""
+    thin = result.thin
+    return not thin.uncertainty.open and thin.chi2 <= chi2_limit(_CHANCE, max(1, thin.dof))
+
+
+def _foretells_better(one: Step, other: Step) -> bool:
+    """Whether one end predicts left-out blocks better by what is worth a cause."""
+    errors = [s.held_out.rotations if s.of_rotations else s.held_out.lengths for s in (one, other)]
+    return errors[0] ** 2 < (1.0 - WORTH) * errors[1] ** 2
 
 
 def _followed(growing: GrowingModel) -> Course:
     diagnosis = growing.diagnosed()
     while len(growing.steps) < MOST_STEPS:
+        if whole_body(growing, diagnosis):
+            diagnosis = growing.diagnosed()
         found = [e.found.candidate.effect for e in diagnosis.established]
         new = _motions_first([e for e in found if not growing.refused_now(e)])
         read = [e for e in new if not e.of_the_clock]

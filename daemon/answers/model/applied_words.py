@@ -37,7 +37,7 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
                 continue
             unit, factor = units[term.effect.spec][name]
             sd = (value.sd or 0.0) * factor
-            if sd < _NOTHING:
+            if sd == 0.0 or (sd < _NOTHING and unit in ("µm", "µrad")):
                 shown.append(f"{name} = {_plain(value.value * factor)} {unit}, by convention")
                 continue
             shown.append(f"{name} = {with_uncertainty(value.value * factor, sd)} {unit}")

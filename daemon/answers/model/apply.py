@@ -29,6 +29,7 @@ _SAID = {
     "began": "the model as it is",
     "added": "added {0}",
     "added together": "added with the next, as neither says it alone: {0}",
+    "added with the others": "added with the other motions of the axes: {0}",
     "lagged": "behind a lag: {0}",
     "second body": "a second body follows the same signal: {0}",
     "began elsewhere": "not in equilibrium at first: {0}",
@@ -208,12 +209,22 @@ def reach(
         )
         steps.clear()
 
+    def instead(one: Step, other: Step) -> None:
+        first, second = StepFigures.of(one, None), StepFigures.of(other, None)
+        say(
+            f"one cause after another foretells left-out blocks better "
+            f"({in_digits(second.held_out)} {second.unit}) than all motions of the axes at once "
+            f"({in_digits(first.held_out)} {first.unit}): this way"
+        )
+        steps.clear()
+
     course = to_the_verdict(
         model,
         campaign,
         unseen=None if unseen is None else UnseenCampaign(unseen, compare),
         on_step=on_step,
         again=again,
+        instead=instead,
         progress=progress,
     )
     written = write(course, steps, noise, unseen, out)

@@ -150,9 +150,7 @@ class Cyclic(Effect):
             return found
         (period,) = found
         if axis.rotary:
-            told = [
-                p for p in period.starts if 2.0 * step * _RESOLVED < p <= span / _FEWEST_WAVES
-            ]
+            told = [p for p in period.starts if 2.0 * step * _RESOLVED < p <= span / _FEWEST_WAVES]
             if not told:
                 return ()
         elif not step or 2.0 * step >= period.bounds[1]:

@@ -1,0 +1,146 @@
+"""All error motions of the linear axes at once: what every axis has, before what imitates it."""
+
+from __future__ import annotations
+
+from abbe.compcore.diagnosis.judging.foretelling import WORTH
+from abbe.compcore.diagnosis.judging.soundness import sound
+from abbe.compcore.diagnosis.screening.candidates import RIGID
+from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
+from abbe.compcore.diagnosis.stepwise.growing_model import FALLS, GrowingModel
+from abbe.compcore.diagnosis.uncatalogued.chosen import grown
+from abbe.compcore.diagnosis.verdict import Diagnosis
+from abbe.compcore.effects import ScaleExpansion
+from abbe.compcore.effects.base import Effect
+from abbe.compcore.errors import FitError
+from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.revise import identity, without_effect
+
+_AXES = 2
+"""Linear axes of which a motion has to be established before those of all are asked."""
+_FEWEST = 3
+_PLAIN = ("scale", "squareness")
+
+
+def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
+    """Add the error motions of all linear axes and their scales' expansions, if worth it.
+
+    Taken one by one, a motion is imitated by what few rows tell from it: the sag of a ram, a turn
+    that grows along another axis, the scale of a set-up; and what needs several others, as the
+    expansion of a scale does, foretells nothing before they are there. All of them at once are
+    fitted; then those go, the least worth first, without which left-out blocks are foretold as
+    well.
+
+    Parameters
+    ----------
+    growing
+        The model; where it has all motions nothing is done.
+    diagnosis
+        What it lacks.
+
+    Returns
+    -------
+    Whether they were added.
+    """
+    machine = growing.last.result.model.machine
+    wanted = [e.found.candidate.effect for e in diagnosis.established]
+    axes = {a for e in wanted if _of_a_body(e, machine) for a in _axes_of(e)}
+    if not growing.bodies or len(axes) < _AXES:
+        return False
+    known = {_motion(e) for e in growing.last.result.model.effects}
+    missing: dict[object, Effect] = {}
+    for effect in (f.candidate.effect for f in diagnosis.ranked):
+        if _of_a_body(effect, machine) and _motion(effect) not in known:
+            missing.setdefault(_motion(effect), effect)
+    body = _sound(growing, list(missing.values()))
+    if len(body) < _FEWEST or not growing.once(body):
+        return False
+    growing.progress("all error motions of the linear axes")
+    if growing.better(grown(growing.last.result.model, body)[-1][0], body, 1.0 - WORTH) is None:
+        return False
+    kept = _worth_it(growing, body)
+    more = grown(growing.last.result.model, kept)
+    found = growing.better(more[-1][0], [one for _, one in more], 1.0 - WORTH)
+    if found is None:
+        return False
+    growing.as_bodies = True
+    growing.make_together("added with the others", "added with the others", more, *found)
+    return True
+
+
+def _worth_it(growing: GrowingModel, body: list[Effect]) -> list[Effect]:
+    """Those without which left-out blocks are foretold worse, the least worth taken out first."""
+    before = growing.last.result.model
+    kept = list(body)
+    now = fit(grown(before, kept)[-1][0], growing.campaign, near=True)
+    lost = {e.spec: _lost(now, e, growing) for e in kept}
+
+    def first(effect: Effect) -> tuple[bool, bool, float]:
+        superfluous = lost[effect.spec] <= 1.0 / FALLS
+        # to a tool of one length a turn is a shift; of what says the same the plainer one stays
+        size = -float(len(effect.linear(before.machine)))
+        return not superfluous, effect.kind != "angular", size if superfluous else lost[effect.spec]
+
+    order = sorted(kept, key=first)
+    for effect in order:
+        growing.progress(f"without {effect.kind}")
+        if len(kept) > 1 and _lost(now, effect, growing) <= 1.0 / FALLS:
+            kept.remove(effect)
+            now = fit(grown(before, kept)[-1][0], growing.campaign, near=True)
+    return kept
+
+
+def _lost(now: FitResult, effect: Effect, growing: GrowingModel) -> float:
+    """By how many times the left-out χ² rises without an effect."""
+    less, _ = without_effect(now.model, effect.spec)
+    try:
+        without = fit(less, growing.campaign, near=True)
+    except FitError:
+        return float("inf")
+    one, other = LeftOutErrors.beside(now, without, (effect,))
+    return one.falls_to(other, without, bound=False)
+
+
+def _sound(growing: GrowingModel, body: list[Effect]) -> list[Effect]:
+    """Those whose values, fitted with all others, can be."""
+    if not body:
+        return []
+    model = growing.last.result.model
+    try:
+        result = fit(grown(model, body)[-1][0], growing.campaign, near=True)
+    except FitError:
+        return []
+    return [e for e in body if sound(result.model, e) and _expands(result, e)]
+
+
+def _expands(result: FitResult, effect: Effect) -> bool:
+    """Whether what is a scale's expansion is not surely beyond what a scale's can be."""
+    if not isinstance(effect, ScaleExpansion):
+        return True
+    term = next(t for t in result.model.terms if t.effect == effect)
+    (alpha,) = effect.linear(result.model.machine)
+    value = term.values[alpha.name]
+    low, high = alpha.plausible
+    sd = 2.0 * (value.sd or 0.0)
+    return low - sd <= value.value <= high + sd
+
+
+def _of_a_body(effect: Effect, machine: Machine) -> bool:
+    """Whether it is an error motion of a linear axis, plain geometry, or its scale's expansion."""
+    axis = getattr(effect, "axis", None)
+    if isinstance(effect, ScaleExpansion):
+        own = all(machine.signals[s].axis == effect.axis for s in effect.signals)
+        return own and effect.tau is None
+    if effect.kind in RIGID:
+        return isinstance(axis, str) and axis in machine.axes and not machine.axis(axis).rotary
+    return effect.kind in _PLAIN
+
+
+def _axes_of(effect: Effect) -> tuple[str, ...]:
+    axes = getattr(effect, "axes", None)
+    return tuple(axes) if axes else (str(getattr(effect, "axis", "")),)
+
+
+def _motion(effect: Effect) -> object:
+    """What an effect moves, whatever its shape; of a scale's expansion whichever thermometer."""
+    return (effect.kind, effect.axis) if isinstance(effect, ScaleExpansion) else identity(effect)
