@@ -217,7 +217,9 @@ class GrowingCampaign:
             write_atomically(self.path, text)
             sync_folder(self.path.parent)
         except InputError as error:
-            raise OSError(errno.EIO, str(error)) from None
+            # who is told names the file, and that it cannot be written
+            why = str(error.problem).removeprefix("cannot be written: ")
+            raise OSError(errno.EIO, why) from None
         file = os.open(self.path, os.O_RDWR | os.O_CLOEXEC)
         os.close(self._file)
         self._file, self._size = file, os.fstat(file).st_size

@@ -150,7 +150,11 @@ class Page:
 
     def _cell(self, value: str | float | None, decimals: int) -> str:
         if isinstance(value, str):
-            return f"<td>{self._text(value)}</td>"
+            text = self._text(value)
+            # a file's name may be broken anywhere, a number or a word may not
+            return (
+                f"<td{_LONG if max(map(len, text.split()), default=0) > _WORD else ''}>{text}</td>"
+            )
         return f"<td{_NUMBER}>{escape(_text(value, decimals))}</td>"
 
     def figure(self, figure: Figure, caption: str = "") -> None:
@@ -212,6 +216,9 @@ class Page:
 
 
 _NUMBER = ' class="number"'
+_LONG = ' class="long"'
+_WORD = 16
+"""Letters of a word that is never broken: *eingehalten*."""
 _MOST = 9
 """Decimals at the most."""
 

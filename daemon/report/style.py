@@ -17,7 +17,7 @@ p { max-width: 44rem; margin: .5rem 0; }
 dl.facts { display: grid; grid-template-columns: repeat(auto-fill, minmax(9.5rem, 1fr));
   gap: .5rem 1.4rem; margin: 0 0 .8rem; font-size: .9rem; }
 dl.facts dt { color: var(--quiet); font-size: .78rem; }
-dl.facts dd { margin: 0; overflow-wrap: anywhere; }
+dl.facts dd { margin: 0; overflow-wrap: break-word; }
 dl.facts dd.unstated { color: #57606a; font-style: italic; }
 table.files { font-size: .82rem; margin-bottom: 1.6rem; max-width: 100%; }
 table.files th { border-bottom-color: var(--line); font-weight: 400; color: var(--quiet); }
@@ -30,8 +30,8 @@ table { border-collapse: collapse; font-variant-numeric: tabular-nums; font-size
 caption { text-align: left; color: var(--quiet); padding-bottom: .3rem; }
 th, td { padding: .28rem .8rem .28rem 0; text-align: left; vertical-align: baseline; }
 th, thead td { font-weight: 600; border-bottom: 1px solid var(--ink); white-space: nowrap; }
-td { border-bottom: 1px solid var(--line); overflow-wrap: anywhere; }
-td.number { overflow-wrap: normal; }
+td { border-bottom: 1px solid var(--line); }
+td.long { overflow-wrap: anywhere; min-width: 6rem; }
 td.number, th.number { text-align: right; padding-left: .8rem; white-space: nowrap; }
 dl.key { display: flex; flex-wrap: wrap; gap: .8rem 2.2rem; margin: 1rem 0; }
 dl.key div { min-width: 6rem; }
@@ -61,6 +61,8 @@ footer { max-width: 66rem; margin: 0 auto; padding: 0 1.5rem 2rem; color: var(--
   figure[data-space] > div { display: none; }
   .modebar { display: none !important; }
   .wide { overflow: visible; }
+  .wide table { font-size: 8pt; }
+  th, td, td.number, th.number { padding: .2rem .5rem .2rem 0; white-space: normal; }
   code.sha span { display: inline; }
 }
 """

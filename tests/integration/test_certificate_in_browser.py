@@ -26,6 +26,17 @@ WIDE = """() => [...document.querySelectorAll("body *")]
   .filter((node) => node.getBoundingClientRect().right > document.documentElement.clientWidth + 1)
   .map((node) => node.outerHTML.slice(0, 80))"""
 """What sticks out to the right, tables that scroll by themselves apart."""
+BROKEN = """() => [...document.querySelectorAll(".wide td")].filter((cell) => {
+  if (!cell.textContent.trim() || /\\s/.test(cell.textContent.trim())) return false;
+  if (cell.textContent.length > 12) return false;
+  const range = document.createRange();
+  range.selectNodeContents(cell);
+  return range.getClientRects().length > 1;
+}).map((cell) => cell.textContent)"""
+"""Words and numbers of tables that are broken in two."""
+CUT = """() => [...document.querySelectorAll(".wide")].filter((table) =>
+  table.scrollWidth > table.clientWidth).map((table) => table.textContent.slice(0, 80))"""
+"""Tables that are wider than the sheet."""
 OWN = frozenset({"XL-80, 12A345", "hall 3"})
 """What people wrote."""
 BEFORE, AFTER = (230, 159, 0), (0, 114, 178)
@@ -128,3 +139,18 @@ def test_a_page_without_bars_is_noticed(browser: Browser, certificate: Path) -> 
     page.pdf(path=bare.with_suffix(".pdf"), format="A4")
     page.close()
     assert AFTER not in {f for p in pages_of(bare.with_suffix(".pdf")) for f in p.fills}
+
+
+def test_on_paper_no_table_is_cut_off_and_no_word_of_it_broken(
+    browser: Browser, german: Path
+) -> None:
+    # A4 between its margins
+    context = browser.new_context(viewport={"width": 680, "height": 1000})
+    page = context.new_page()
+    page.set_default_timeout(PATIENCE_MS)
+    page.goto(german.as_uri())
+    for media in ("screen", "print"):
+        page.emulate_media(media=media)
+        assert page.evaluate(BROKEN) == []
+    assert page.evaluate(CUT) == []
+    context.close()

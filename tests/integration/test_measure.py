@@ -243,6 +243,31 @@ def test_killed_it_goes_on_and_never_with_another_plan(
     assert "all 10 targets" in done.out
 
 
+def test_where_it_still_stands_with_what_was_set_up_before_is_no_target_of_the_next(
+    shop: tuple[SimulatedProcess, Path],
+) -> None:
+    """Two lines that meet: the end of one is the beginning of the other, along another axis."""
+    process, folder = shop
+    plan = write_plan(
+        folder / "plan.toml",
+        line_plan("along_x", "X", [350, 250, 150], both_ways=False),
+        line_plan("along_y", "Y", [450, 350, 250], both_ways=False),
+    )
+    with measuring(plan, folder / "config.toml", folder / "campaign.csv") as run:
+        machine = driver(process, run, folder)
+        machine.read(0, 1, 2, 3)
+        run.until(lambda e: e["event"] == "set up" and e["setup"] == "along_y")
+        time.sleep(2.0)  # as long as a program may stand there; longer is no harm
+        assert len(run.kinds("row")) == 4
+        machine.read(4, 5, 6, 7)
+        assert run.wait() == 0, run.said
+        assert run.kinds("doubt") == run.kinds("repeated") == run.kinds("new zero") == []
+    found = campaign_of(folder)
+    assert found.n == 8
+    assert set(found.setups) == {"along_x", "along_y"}
+    assert rms(off_the_truth(process, found)) < NOISE_UM
+
+
 def test_a_line_that_counts_in_one_go_begins_anew_where_it_was_interrupted(
     shop: tuple[SimulatedProcess, Path],
 ) -> None:

@@ -148,7 +148,7 @@ class Measurement:
         rest = self._approach.step(
             seen, self._instrument, self.course.setup, at_target=self._watch.at is not None
         )
-        if rest is not None:
+        if rest is not None and not self._watch.not_come:
             self._zero.rested(*rest)
         self._judge(outcome, seen)
 
@@ -191,10 +191,11 @@ class Measurement:
 
     # set-ups
 
-    def _ask_for_setup(self) -> None:
+    def _ask_for_setup(self, seen: SeenMachine | None = None) -> None:
         course = self.course
         self._ready = not self._person.there
-        self._watch.forget()
+        # with nobody to ask, what was set up before may stand for as long as the machine does
+        self._watch.forget(seen if self._ready else None)
         self._person.forget()
         self._interruptions = self._instrument.interruptions
         self._lost = ""
@@ -229,8 +230,8 @@ class Measurement:
         self._news.event("missed", f"{name} is left out", setup=name)
         self._go_on()
 
-    def _go_on(self) -> None:
-        """Turn to the set-up that comes next, if one does."""
+    def _go_on(self, seen: SeenMachine | None = None) -> None:
+        """Turn to the set-up that comes next, if one does; `seen`: as it stands in this one."""
         following = self.course.next_setup()
         if following is None or following == self.course.current:
             return
@@ -241,7 +242,7 @@ class Measurement:
         self._zero.forget()
         self._taking.forget()
         self._reached = 0
-        self._ask_for_setup()
+        self._ask_for_setup(seen)
 
     def _look_for_next_setup(self, seen: SeenMachine) -> None:
         """With nobody to ask: a machine at the next set-up's first target has turned to it."""
@@ -268,7 +269,7 @@ class Measurement:
                     self._news.next()
                 else:
                     self._news.setup_done(self.course.setup)
-                    self._go_on()
+                    self._go_on(seen)
         elif isinstance(outcome, TargetUnsteady):
             self._news.unsteady(outcome)
             if outcome.reading is not None:

@@ -87,6 +87,9 @@ class TargetWatch:
         self._axes = tuple(axes)
         noise = [math.radians(limits.still_turn) if is_rotary(a) else limits.still for a in axes]
         self._standstill = Standstill(noise, limits.still_for)
+        turn = math.radians(limits.within_turn)
+        self._within = [turn if is_rotary(a) else limits.within for a in axes]
+        self._old_place: Sequence[float] | None = None
         self._visit: int | None = None
         self._done = False
         self._why = ""
@@ -105,8 +108,21 @@ class TargetWatch:
         """The visit at which the machine stands; None: at none."""
         return self._visit
 
-    def forget(self) -> None:
-        """Begin anew, with another set-up: where it stands now is looked at again."""
+    @property
+    def not_come(self) -> bool:
+        """Whether it still stands where it stood when it turned to this set-up."""
+        return self._old_place is not None
+
+    def forget(self, seen: SeenMachine | None = None) -> None:
+        """Begin anew, with another set-up.
+
+        Parameters
+        ----------
+        seen
+            The machine as it stands with what was set up before: there nothing is read until it
+            has moved; None: where it stands now is looked at again.
+        """
+        self._old_place = None if seen is None else [seen.positions[a] for a in self._axes]
         self._visit, self._done, self._why, self._elsewhere = None, False, "", False
         self._standstill.forget()
         self._lively = InstrumentLiveliness()
@@ -124,6 +140,11 @@ class TargetWatch:
             return None
         positions = [seen.positions[axis] for axis in self._axes]
         stands = self._standstill.step(seen.time, positions)
+        if self._old_place is not None:
+            ways = zip(positions, self._old_place, self._within, strict=True)
+            if all(abs(q - old) <= within for q, old, within in ways):
+                return None
+            self._old_place = None
         counts = stands and self._visit is not None and not self._done
         settled = counts and instrument.time >= self._averaging.begins
         self._lively.add(instrument.time, instrument.values, stands=settled)

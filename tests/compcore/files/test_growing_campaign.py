@@ -52,6 +52,18 @@ def test_what_was_added_is_a_campaign(tmp_path):
     assert found.setups["s.2"].free == ("zero", "slope")
 
 
+def test_a_disk_without_room_is_said_without_the_file_s_name_twice(tmp_path, monkeypatch):
+    file = begin(tmp_path / "c.csv")
+
+    def full(path, text):
+        raise InputError("cannot be written: No space left on device", file=path)
+
+    monkeypatch.setattr("abbe.compcore.files.growing_campaign.write_atomically", full)
+    with pytest.raises(OSError, match="No space") as raised:
+        file.declare("s.2", ["zero"])
+    assert raised.value.strerror == "No space left on device"
+
+
 def test_another_zero_that_was_noticed_afterwards(tmp_path):
     path = tmp_path / "c.csv"
     file = begin(path)
