@@ -172,7 +172,7 @@ class Campaign:
     def rows(self, index: NDArray[np.int64] | NDArray[np.bool_]) -> Campaign:
         """Some of the rows, with the set-ups that still occur in them."""
         conditions = self.conditions.rows(index)
-        names = () if conditions.setup is None else np.unique(conditions.setup)
+        names = set() if conditions.setup is None else set(np.unique(conditions.setup).tolist())
         return replace(
             self,
             conditions=conditions,

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
+from abbe.compcore.campaign.set_ups_of_one_row import require_rows_together
 from abbe.compcore.campaign.suspicions import of_campaign, of_chi2, of_ratio, of_signals, of_values
 from abbe.compcore.comparison.approach import (
     SideDifference,
@@ -49,6 +50,8 @@ F64 = NDArray[np.float64]
 _UNCERTAINTY_ROUNDS = 4
 _MISFIT = 1e-4
 """Chance of so large a χ² from which on the model is said not to hold."""
+_NOTHING_LEFT = 0.5
+"""Degrees of freedom from which down nothing is left over."""
 WORST = 10
 """How many of the worst points are listed."""
 
@@ -274,12 +277,15 @@ def compare(model: Model, campaign: Campaign) -> Comparison:
     Raises
     ------
     FitError
-        When the campaign has no rows.
+        When the campaign has no rows, or the placings of the instruments take up all of them.
+    InputError
+        When each row is a set-up of its own.
     """
     require_type(model, Model, "model")
     require_type(campaign, Campaign, "campaign")
     if not campaign.n:
         raise FitError("the campaign has no rows")
+    require_rows_together(campaign)
     seen_in_fit = model.seen(campaign.files.values())
     left_out = () if seen_in_fit else tuple(e.spec for e in model.effects if bound_to_setup(e))
     applied = model if seen_in_fit else _without_bound(model)
@@ -321,6 +327,11 @@ def _compared(
             left = problem.eliminator(theta).project(misfit * problem.weight) * problem.sd
             uncertainty = uncertainty.updated(campaign, left, absorbed)
             problem = problem.with_sd(uncertainty.sd)
+    if campaign.n - float(absorbed.sum()) <= _NOTHING_LEFT:
+        raise FitError(
+            f"{campaign.n} rows are as many as the placings of the instruments leave unknown: "
+            "nothing is left over that a model could be compared with; measure more"
+        )
     eliminator = problem.eliminator(theta)
     weighted = eliminator.project(misfit * problem.weight)
     residual = weighted * problem.sd

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
+from abbe.compcore.campaign.set_ups_of_one_row import require_rows_together
 from abbe.compcore.errors import FitError, require_type
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
@@ -152,12 +153,13 @@ def fit(
     FitError
         When the campaign has no rows.
     InputError
-        When the frame names axes that the machine lacks.
+        When the frame names axes that the machine lacks, or each row is a set-up of its own.
     """
     require_type(model, Model, "model")
     require_type(campaign, Campaign, "campaign")
     if not campaign.n:
         raise FitError("the campaign has no rows")
+    require_rows_together(campaign)
     frame = ReferenceFrame() if frame is None else frame
     frame.check(model.machine)
     tell = progress or (lambda _: None)

@@ -31,7 +31,13 @@ _SMALL = 2000
 Spec = Annotated[str, Field(min_length=1, max_length=2000)]
 
 
-class AddedCause(AskedByPerson):
+class MadeVersion(AskedByPerson):
+    """A version to be made of what the page stood `on`."""
+
+    on: Annotated[str, Field(max_length=64)] = ""
+
+
+class AddedCause(MadeVersion):
     """A cause to be added."""
 
     spec: Spec
@@ -161,15 +167,21 @@ def _change(app: FastAPI, bench: Workbench) -> None:
         return bench.state()
 
     @app.post("/api/fit")
-    def fit(wanted: AskedByPerson, request: Request) -> dict[str, Any]:
+    def fit(wanted: MadeVersion, request: Request) -> dict[str, Any]:
         """Fit the present version as it is."""
-        bench.fit(who_asks(wanted.by, request))
+        bench.fit(who_asks(wanted.by, request), wanted.on)
         return bench.state()
 
     @app.post("/api/add")
     def add(cause: AddedCause, request: Request) -> dict[str, Any]:
         """Add a cause and refit."""
-        bench.add(cause.spec, who_asks(cause.by, request))
+        bench.add(cause.spec, who_asks(cause.by, request), cause.on)
+        return bench.state()
+
+    @app.post("/api/read-again")
+    def read_again(wanted: AskedByPerson, request: Request) -> dict[str, Any]:
+        """Read model and campaigns as they lie on the disk now."""
+        bench.read_again(who_asks(wanted.by, request))
         return bench.state()
 
     @app.post("/api/back")

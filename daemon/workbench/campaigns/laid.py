@@ -12,6 +12,7 @@ from abbe.compcore.files.campaign_file import read_campaigns, require_signals
 from abbe.compcore.model.model import Model
 from abbe.daemon.answers.measured_under import bare
 from abbe.daemon.answers.model.held_out import read_held_out
+from abbe.daemon.workbench.versions.seen_file import SeenFile
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,12 +29,15 @@ class LaidCampaigns:
         The rows of `fitted`, joined; None: there are none.
     notes
         What is not new about `held`.
+    seen
+        The files of `fitted` and `held`, as they were read.
     """
 
     fitted: tuple[Path, ...] = ()
     held: tuple[Path, ...] = ()
     campaign: Campaign | None = None
     notes: tuple[str, ...] = ()
+    seen: tuple[SeenFile, ...] = ()
 
     @property
     def rows(self) -> Campaign:
@@ -61,6 +65,7 @@ def lay(model: Model, fitted: Sequence[Path], held: Sequence[Path] = ()) -> Laid
     """
     if not fitted:
         return LaidCampaigns()
+    seen = tuple(SeenFile(path) for path in (*fitted, *held))
     campaign = read_campaigns(fitted, model.machine)
     require_signals(campaign, model)
     campaign = bare(campaign)
@@ -68,4 +73,4 @@ def lay(model: Model, fitted: Sequence[Path], held: Sequence[Path] = ()) -> Laid
     if found is not None:
         require_signals(found.campaign, model)
     notes = () if found is None else tuple(found.notes())
-    return LaidCampaigns(tuple(fitted), tuple(held), campaign, notes)
+    return LaidCampaigns(tuple(fitted), tuple(held), campaign, notes, seen)

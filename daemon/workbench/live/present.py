@@ -11,6 +11,7 @@ from abbe.compcore.model.model import Model
 from abbe.daemon.status.run_status import RunStatus
 from abbe.daemon.workbench.live.places import file_of, records_of, stream_of
 from abbe.daemon.workbench.live.sought import SoughtRun
+from abbe.daemon.workbench.versions.seen_file import SeenFile
 
 
 class PresentRun:
@@ -27,7 +28,7 @@ class PresentRun:
         self._sought = SoughtRun(config)
         self._lock = threading.Lock()
         self._latest: RunStatus | None = None
-        self._model: tuple[Path, int, Model] | None = None
+        self._model: tuple[Path, str, Model] | None = None
         self.stream: Path | None = None
         """The socket of its stream; None: it has none, or nothing runs."""
 
@@ -48,18 +49,19 @@ class PresentRun:
         Raises
         ------
         InputError
-            When it cannot be read.
+            When it cannot be read, and where another one lies on the disk now.
         """
-        path = None if self._latest is None else file_of(self._latest, "model")
-        if path is None:
+        files = () if self._latest is None else self._latest.files
+        running = next((f for f in files if f.role == "model"), None)
+        if running is None:
             raise InputError("no run was seen yet, so no model is known")
-        try:
-            stamp = path.stat().st_mtime_ns
-        except OSError as error:
-            raise InputError(f"cannot be read: {error.strerror}", file=path) from None
-        known = self._model
-        if known is None or known[:2] != (path, stamp):
-            self._model = known = (path, stamp, load_model(path))
+        path, known = Path(running.path), self._model
+        if known is None or known[:2] != (path, running.sha256):
+            seen = SeenFile(path)
+            model = load_model(path)
+            if seen.sha256 != running.sha256:
+                raise InputError("the file on the disk is another one than what runs", file=path)
+            self._model = known = (path, running.sha256, model)
         return known[2]
 
     @property

@@ -7,18 +7,19 @@ from typing import Any
 
 from abbe.daemon.answers.inputs import now
 from abbe.daemon.installed import abbe_version
-from abbe.daemon.report.head import file_on_page, head_of
+from abbe.daemon.report.head import FileOnPage, head_of
 from abbe.daemon.workbench.campaigns.laid import LaidCampaigns
 from abbe.daemon.workbench.session.origin import FromStore
 from abbe.daemon.workbench.versions.folder import ModelVersion
+from abbe.daemon.workbench.versions.seen_file import SeenFile
 
 
 def session_head(
     current: ModelVersion, laid: LaidCampaigns, origin: FromStore | None
 ) -> dict[str, Any]:
     """Machine, serial number, date, and every file, of the present version and its campaigns."""
-    head = head_of(current.model, [file_on_page("model", current.path)], laid.campaign)
-    held = [file_on_page("campaign, held out", path) for path in laid.held]
+    head = head_of(current.model, [_as_read("model", current.seen)], laid.campaign)
+    held = [_as_read("campaign, held out", f) for f in laid.seen if f.path in laid.held]
     place = [] if origin is None else [["Plant's store", origin.place]]
     return {
         "machine": current.model.machine.name or "Machine",
@@ -27,3 +28,8 @@ def session_head(
         "abbe": abbe_version(),
         "made": now(),
     }
+
+
+def _as_read(part: str, seen: SeenFile) -> FileOnPage:
+    """A file as it was read: what lies there now may be another one."""
+    return FileOnPage(part, str(seen.path), seen.sha256)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.campaign_file import require_signals
-from abbe.compcore.files.model_file import load_model
 from abbe.compcore.sentences import sentences_in
 from abbe.daemon.answers.model import expected_times as expected
 from abbe.daemon.report.head import file_on_page
@@ -23,6 +23,7 @@ from abbe.daemon.workbench.session.tasks import SessionTasks
 from abbe.daemon.workbench.versions.beside import SideBySide
 from abbe.daemon.workbench.versions.folder import ModelVersion, VersionFolder
 from abbe.daemon.workbench.versions.journal import WorkbenchJournal
+from abbe.daemon.workbench.versions.seen_file import SeenFile
 from abbe.daemon.workbench.versions.watched import watched
 
 
@@ -61,13 +62,13 @@ class Workbench:
         origin: FromStore | None = None,
     ) -> None:
         self._origin = origin
-        given = load_model(model)
+        first = ModelVersion.read(model, given=True)
+        given = first.model
         self._laid = lay(given, campaigns, holdout)
         self._folder = VersionFolder(versions, model)
         self.journal = WorkbenchJournal(self._folder.folder)
         kept = None if versions is None else versions / "campaigns"
         self.shelf = CampaignShelf([*campaigns, *holdout], kept, near)
-        first = ModelVersion(model, given, given=True)
         self._versions = [first, *self._folder.earlier(given)]
         self._current = first
         self._said: list[str] = list(self._laid.notes)
@@ -99,6 +100,8 @@ class Workbench:
                 "writes": self._folder.folder is not None,
                 "folder": None if self._folder.folder is None else str(self._folder.folder),
                 "version": self._current.path.name,
+                "stands_on": self._stands_on,
+                "differ": [seen.path.name for seen in self._seen() if seen.differs],
                 "take_out": "" if self._origin is None else self._origin.take_out,
             }
 
@@ -187,7 +190,7 @@ class Workbench:
             For a version that is not there, for nothing, and where it cannot be written.
         """
         with self._tasks.lock:
-            version = self._version(number).path
+            version = self._version(number).seen
         self.journal.note(who, version, text)
         self._tasks.changed()
 
@@ -210,20 +213,66 @@ class Workbench:
                 stages = expected.diagnosing(self._laid.fitted)
                 self._tasks.start("find causes", stages, self._learn)
 
-    def fit(self, who: str = "") -> None:
-        """Fit the present version as it is: a new version; `who` for the journal."""
-        self._make("fit", fitting(self._laid, robust=self.findings.strays), who)
+    def fit(self, who: str = "", on: str = "") -> None:
+        """Fit the present version as it is: a new version; `who` and `on` as `add` has them."""
+        with self._tasks.lock:
+            self._require_seen(on)
+            self._make("fit", fitting(self._laid, robust=self.findings.strays), who)
 
-    def add(self, spec: str, who: str = "") -> None:
-        """Add a cause to the present version and refit: a new version; `who` for the journal.
+    def add(self, spec: str, who: str = "", on: str = "") -> None:
+        """Add a cause to the present version and refit: a new version.
+
+        Parameters
+        ----------
+        spec
+            The cause.
+        who
+            For the journal.
+        on
+            What the page stood on where it was clicked, as `state` says it; empty: not stated.
 
         Raises
         ------
         InputError
-            For a cause that cannot be, where nothing may be written, or something is under way.
+            For a cause that cannot be, where nothing may be written, something is under way, or
+            somebody else has changed meanwhile what is looked at.
         """
-        made = adding(self._current.model, spec, self._laid, robust=self.findings.strays)
-        self._make(f"add {spec}", made, who)
+        with self._tasks.lock:
+            self._require_seen(on)
+            made = adding(self._current.model, spec, self._laid, robust=self.findings.strays)
+            self._make(f"add {spec}", made, who)
+
+    def read_again(self, who: str = "") -> None:
+        """Read the present version and its campaigns as they lie on the disk now.
+
+        Raises
+        ------
+        InputError
+            Where that cannot be written down, and while something is under way.
+        """
+        self.journal.require()
+        before = self._current
+
+        def work(tell: Tell) -> None:
+            tell("reading")
+            version = ModelVersion.read(before.path, given=before.given)
+            if version.model.machine != before.model.machine:
+                raise InputError(
+                    "is of another machine now: end the workbench, and open it anew",
+                    file=before.path,
+                )
+            laid = lay(version.model, self._laid.fitted, self._laid.held)
+            with self._tasks.lock:
+                self._versions[self._versions.index(before)] = version
+                self._laid = laid
+                self._show(version, list(laid.notes))
+            self.journal.keep(who, "read again", version=version.path.name,
+                              sha256=version.seen.sha256, fitted=_named(laid.fitted))  # fmt: skip
+            if not self.empty:
+                self.findings.compare(tell)
+
+        stages = expected.comparing(self._laid.fitted)
+        self._tasks.start("compare", [("reading", 1.0), *stages[1:]], work)
 
     def go_back(self, number: int, who: str = "") -> None:
         """Look at another version; no file changes but the journal.
@@ -251,6 +300,31 @@ class Workbench:
         self._folder.release()
         self.shelf.close()
 
+    def _seen(self) -> tuple[SeenFile, ...]:
+        return (self._current.seen, *self._laid.seen)
+
+    @property
+    def _stands_on(self) -> str:
+        """Says whether two windows show the same: version and campaigns by their content."""
+        known = [self._current.path.name, *(seen.sha256 for seen in self._seen())]
+        return hashlib.sha256(" ".join(known).encode()).hexdigest()[:16]
+
+    def _require_seen(self, on: str) -> None:
+        """Refuse what was clicked on another state of things, or on files that are no more so."""
+        if on and on != self._stands_on:
+            raise InputError(
+                "this was changed in another window meanwhile: nothing was done; look at what "
+                "stands here now, then click again",
+                found=self._current.path.name,
+            )
+        for seen in self._seen():
+            if seen.differs:
+                raise InputError(
+                    "is another file on the disk than was read: nothing was done",
+                    file=seen.path.name,
+                    expected="that it is read again",
+                )
+
     def _version(self, number: int) -> ModelVersion:
         if not 0 <= number < len(self._versions):
             raise InputError("no such version", field="version", found=number)
@@ -277,8 +351,8 @@ class Workbench:
         def work(tell: Tell) -> None:
             with self._folder.next_file() as out:
                 model, said = made(current.model, out, tell)
-                version = ModelVersion(out, model)
-            sha256 = file_on_page("model", out).sha256
+                version = ModelVersion(out, model, SeenFile(out))
+            sha256 = version.seen.sha256
             self.journal.keep(
                 who, "made", how=what, version=out.name, sha256=sha256,
                 before=current.path.name, fitted=_named(fitted), held=_named(held),

@@ -16,7 +16,7 @@ let TABS = ["live", "compare", "learn", "watch", "tables", "calibrate"];
 /** Views that follow by themselves what they show. */
 const OWN = {live: () => new Live(() => header().catch(() => {})), tables: () => new Tables(),
   calibrate: () => new Calibration()};
-const CHANGES = ["/api/add", "/api/fit", "/api/back", "/api/note", "/api/campaigns/use"];
+const CHANGES = ["/api/add", "/api/fit", "/api/back", "/api/note", "/api/campaigns/use", "/api/read-again"];
 /** Where a change is seen; elsewhere what is shown stays. */
 const LEADS = {"/api/add": "watch", "/api/fit": "watch", "/api/campaigns/use": "compare"};
 const QUICK = 250, CALM = 1500; // ms between two looks at the server
@@ -137,6 +137,12 @@ function trouble(text) {
   $("trouble").hidden = !words;
 }
 
+/** Files that are other ones on the disk than what stands here was made of. */
+function differ(names) {
+  $("differ").hidden = !names.length;
+  if (names.length) write($("differ").firstChild, t("On the disk lies another {files} now than was read: what stands here is of the one that was read.", {files: names.join(", ")}));
+}
+
 /** What the server says of itself; everything is loaded anew where something has changed. */
 async function look() {
   const now = await get("/api/state");
@@ -147,6 +153,7 @@ async function look() {
   const again = away || anew;
   away = false;
   $("task").hidden = now.task === null;
+  differ(now.differ ?? []);
   if (now.task) {
     const left = now.task.left > 2 ? t(", about {s} s left", {s: Math.ceil(now.task.left)}) : "";
     $("task-words").textContent = `${label(now.task.what)}: ${label(now.task.stage)}${left}`;
@@ -160,6 +167,10 @@ async function look() {
   else if (before && before.version !== now.version && !mine) {
     // stays until the person does something: what goes on meanwhile ends by itself
     told = t("The model is {version} now: it was changed in another window. What was done stands under Watch.", {version: now.version});
+    trouble("");
+  }
+  else if (before && before.stands_on !== now.stands_on && !mine) {
+    told = t("What this stands on was changed in another window: other campaigns, or files that were read again. What was done stands under Watch.");
     trouble("");
   }
   else if (over || before?.error) trouble("");
@@ -263,6 +274,7 @@ async function report() {
 }
 
 $("report").addEventListener("click", report);
+$("differ").querySelector("button").addEventListener("click", () => act("/api/read-again", {}));
 $("end").addEventListener("click", async () => {
   try {
     await post("/api/end");
@@ -276,11 +288,11 @@ $("end").addEventListener("click", async () => {
     el("p", {}, t("The versions that were made lie in their folder. This window can be closed."))));
 });
 // a session lasts while somebody is there: what pages ask by themselves does not count
-let here = Date.now();
+let here = performance.now(); // the computer's clock may be set
 for (const kind of ["pointerdown", "keydown"])
   addEventListener(kind, () => {
-    if (ended || Date.now() - here < 60_000) return;
-    here = Date.now();
+    if (ended || performance.now() - here < 60_000) return;
+    here = performance.now();
     post("/api/here").catch(() => {});
   });
 // a file that is dropped is a campaign, or nothing: never a page that the browser goes to

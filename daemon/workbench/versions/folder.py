@@ -14,6 +14,7 @@ from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.model.model import Model
 from abbe.daemon.report.model.history import versions_of
+from abbe.daemon.workbench.versions.seen_file import SeenFile
 
 _MOST = 200
 """Versions that are read from a folder, the newest."""
@@ -30,13 +31,22 @@ class ModelVersion:
         Its file.
     model
         What stands in it.
+    seen
+        The file as it was read or written.
     given
         Whether it is the file that the workbench was opened with.
     """
 
     path: Path
     model: Model
+    seen: SeenFile
     given: bool = False
+
+    @classmethod
+    def read(cls, path: Path, *, given: bool = False) -> ModelVersion:
+        """The version in a file; raises as `load_model`."""
+        seen = SeenFile(path)
+        return cls(path, load_model(path), seen, given)
 
     @property
     def record(self) -> Mapping[str, Any] | None:
@@ -84,9 +94,9 @@ class VersionFolder:
         for _, path in sorted(numbered)[-_MOST:]:
             # what is no model, or another machine's, is somebody else's file
             with contextlib.suppress(AbbeError):
-                model = load_model(path)
-                if model.machine == given.machine:
-                    yield ModelVersion(path, model)
+                version = ModelVersion.read(path)
+                if version.model.machine == given.machine:
+                    yield version
 
     @contextlib.contextmanager
     def next_file(self) -> Iterator[Path]:

@@ -10,7 +10,7 @@ from typing import Any
 
 from abbe.compcore.errors import InputError
 from abbe.daemon.answers.inputs import now
-from abbe.daemon.report.head import file_on_page
+from abbe.daemon.workbench.versions.seen_file import SeenFile
 
 NAME = "workbench.jsonl"
 """Of the file, in the folder of the versions."""
@@ -62,8 +62,8 @@ class WorkbenchJournal:
                 self._known = [*self._known, entry][-_MOST:]
         return entry
 
-    def note(self, who: str, version: Path, text: str) -> None:
-        """Write down what a person notes of a version's file.
+    def note(self, who: str, version: SeenFile, text: str) -> None:
+        """Write down what a person notes of a version's file, as it was read.
 
         Raises
         ------
@@ -72,8 +72,8 @@ class WorkbenchJournal:
         """
         if not text.strip():
             raise InputError("nothing is noted", field="text")
-        sha256 = file_on_page("model", version).sha256
-        self.keep(who, "note", version=version.name, sha256=sha256, text=text.strip())
+        name, sha256 = version.path.name, version.sha256
+        self.keep(who, "note", version=name, sha256=sha256, text=text.strip())
 
     def entries(self) -> list[Entry]:
         """What is known, the newest first; lines that are none are passed over."""

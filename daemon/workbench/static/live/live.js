@@ -46,7 +46,7 @@ export class Live {
     const source = this.source = new EventSource("/api/live/stream");
     const take = (kind, act) => source.addEventListener(kind, (event) => {
       this.heard = Date.now();
-      if (kind !== "lost") this.told = this.heard;
+      if (kind !== "lost") this.told = {clock: this.heard, running: performance.now()};
       act(JSON.parse(event.data));
     });
     take("run", (found) => this.#run(found));
@@ -83,7 +83,8 @@ export class Live {
   /** How old what stands here is. */
   #say() {
     if (!this.found) return;
-    const seconds = Math.max(0, (Date.now() - this.told) / 1000);
+    // a clock that is set back makes nothing younger; the other one stands while the computer sleeps
+    const seconds = Math.max(0, Date.now() - this.told.clock, performance.now() - this.told.running) / 1000;
     this.age.textContent = this.isLost || seconds > 3
       ? t("What stands here is {time} old and says nothing of the present.", {time: lasting(seconds)})
       : `${when(Date.parse(this.found.at) / 1000)}; ${say(this.found.cycle)}`;
@@ -101,7 +102,9 @@ export class Live {
     this.node.dataset.seen = "run";
     this.state.textContent = stateOf(found.state);
     this.state.className = found.light;
-    fill(this.warnings, [found.faults, found.less_sure, found.checks, found.switches], () => [
+    const others = found.files.filter((f) => f[3]);
+    fill(this.warnings, [others, found.faults, found.less_sure, found.checks, found.switches], () => [
+      ...others.map(([role, file]) => el("p", {class: "warning"}, t("On the disk lies another {file} than runs ({role}): it counts from the next start on.", {file, role: label(role)}))),
       ...found.faults.map((text) => el("p", {class: "warning"}, line(text))),
       ...found.less_sure.map((text) => el("p", {class: "warning"}, t("less sure: {what}", {what: line(text)}))),
       ...[...found.checks, ...found.switches].map((text) => el("p", {class: "note"}, line(text)))]);

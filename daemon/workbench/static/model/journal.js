@@ -34,6 +34,7 @@ function done(entry) {
   const names = (list) => (Array.isArray(list) ? list.join(", ") : "");
   if (what === "note") return t("Note on {version}: {text}", {version, text: entry.text});
   if (what === "back") return t("{version} looked at in place of {before}", {version, before});
+  if (what === "read again") return t("{version} and its campaigns read again from the disk", {version});
   if (what === "sent") return t("{file} taken in", {file});
   const held = names(entry.held) ? t("; held out: {files}", {files: names(entry.held)}) : "";
   if (what === "campaigns") return t("{version} laid beside {files}", {version, files: names(entry.fitted)}) + held;

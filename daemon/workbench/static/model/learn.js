@@ -10,7 +10,7 @@ export function learnView(found, state, act) {
   const trial = el("section", {id: "what-if", class: "card"});
   const open = (spec) => tryOut(trial, spec, found, state, act);
   const add = (spec, words = t("Add it and refit")) => el("button", {class: "main add",
-    disabled: !state.writes, "data-spec": spec, onclick: () => act("/api/add", {spec})}, words);
+    disabled: !state.writes, "data-spec": spec, onclick: () => act("/api/add", {spec, on: state.stands_on})}, words);
   const attempt = (spec) => el("button", {class: "small try", "data-spec": spec,
     onclick: () => { open(spec); trial.scrollIntoView({block: "nearest"}); }}, t("Try it"));
   const view = [el("section", {class: "verdict"},
@@ -31,7 +31,7 @@ export function learnView(found, state, act) {
   }
   if (found.verdict === "changed" || found.verdict === "complete")
     causes.append(el("p", {}, el("button", {class: "main", id: "fit", disabled: !state.writes,
-      onclick: () => act("/api/fit")}, t("Fit the model as it is to these campaigns"))));
+      onclick: () => act("/api/fit", {on: state.stands_on})}, t("Fit the model as it is to these campaigns"))));
   view.push(el("div", {class: "columns"}, causes, trial));
   view.push(others(found, open, trial, attempt));
   view.push(adviceView(found));

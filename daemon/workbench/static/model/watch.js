@@ -30,7 +30,7 @@ export function watchView(found, state, act, next, trouble) {
       el("p", {}, t("Blue: the version was fitted to this campaign. Yellow: it has never seen it; only that fall shows that a version predicts the machine. Dashed: how well the campaign repeats itself; no model gets lastingly below.")),
       el("div", {class: "panels"}, ...plots)),
     el("section", {}, versions,
-      el("p", {}, el("button", {id: "fit", disabled: !state.writes, onclick: () => act("/api/fit")},
+      el("p", {}, el("button", {id: "fit", disabled: !state.writes, onclick: () => act("/api/fit", {on: state.stands_on})},
         t("Fit the present version as it is"))),
       el("p", {class: "note"}, state.writes
         ? t("Each version is a model file in {folder}; none is ever written over.", {folder: state.folder})

@@ -63,7 +63,7 @@ export async function tryOut(place, spec, found, state, act) {
     ...(nodes.length > MANY
       ? [el("details", {}, el("summary", {}, t("its {n} parameters", {n: nodes.length})), ...nodes)] : nodes),
     el("p", {}, back, " ", el("button", {class: "main add", disabled: !state.writes,
-      "data-spec": spec, onclick: () => act("/api/add", {spec})}, t("Add it and refit"))),
+      "data-spec": spec, onclick: () => act("/api/add", {spec, on: state.stands_on})}, t("Add it and refit"))),
     el("p", {class: "legend"}, el("span", {}, el("b", {class: "before"}, "■"),
       t(" grey: left by the model as it is; in colour: with this cause"))),
     el("div", {class: "panels"},
