@@ -17,6 +17,7 @@ from abbe.compcore.campaign.alike import alike
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.copied_rows import of_copies
 from abbe.compcore.campaign.likely_units import of_positions
+from abbe.compcore.campaign.misplaced_tools import of_tools
 from abbe.compcore.campaign.turned_axes import of_turned_axes
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import BODIES, like_fahrenheit, perhaps_fahrenheit
@@ -107,9 +108,10 @@ def _in_others(size: float, unit: str, others: Mapping[str, float]) -> str:
 
 
 def of_campaign(campaign: Campaign, machine: Machine) -> Iterator[str]:
-    """What is wrong with a campaign whatever the model: units of positions, senses, copied rows."""
+    """What is wrong whatever the model: units of positions, senses, tools, copied rows."""
     yield from of_positions(campaign, machine)
     yield from of_turned_axes(campaign, machine)
+    yield from of_tools(campaign, machine)
     yield from of_copies(campaign)
 
 

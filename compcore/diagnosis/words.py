@@ -40,6 +40,12 @@ def noise_of(diagnosis: Findings, noise: NoiseFloor) -> float | None:
     return None if level is None else level.value
 
 
+def why_unknown(diagnosis: Findings, noise: NoiseFloor) -> str:
+    """Why `noise_of` is None."""
+    level = noise.levels.get("rotation") if diagnosis.of_rotations else noise.lengths
+    return level.reason if level is not None and level.reason else said("no repeats")
+
+
 NO_UNCERTAINTY = said(
     "no uncertainty of the rows is stated (a column sd), so how near this is to noise is judged by "
     "how well left-out blocks are predicted"
@@ -86,7 +92,7 @@ def diagnosis_words(
         unit=unit,
         floor=said("noise floor {floor} {unit}", floor=f"{floor * factor:.2f}", unit=unit)
         if floor is not None
-        else said("noise floor unknown (no repeats)"),
+        else said("noise floor unknown ({reason})", reason=why_unknown(diagnosis, noise)),
         noise=said(
             "χ² per degree of freedom {chi2}", chi2=in_digits(diagnosis.whole.chi2_per_dof, 4)
         )

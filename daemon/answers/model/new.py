@@ -7,10 +7,14 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
+from abbe.compcore.campaign.misplaced_tools import joints
 from abbe.compcore.machine.machine import Axis
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.start_model import bare
 from abbe.daemon.answers.typed import finding, fitting
+
+_ALONG = str.maketrans("ABC", "XYZ")
+"""A rotary axis → the linear one along which its line lies."""
 
 
 def columns_of(model: Model) -> list[str]:
@@ -55,6 +59,14 @@ def as_text(model: Model, out: Path) -> Iterator[str]:
     for signal in machine.signals.values():
         use = "used" if signal.name in used else "recorded, for abbe diagnose"
         yield f"  {signal.name}: {signal.role}, {signal.unit}, {use}"
+    if chain := joints(machine):
+        last = chain[-1]
+        where = ", ".join(f"{v:g}" for v in machine.axes[last].location)
+        yield (
+            "tools (tool_x, tool_y, tool_z, tool=): where the tip is with all joints at zero, mm "
+            f"from the machine's origin, not from the flange; {last} then turns about a line along "
+            f"{last[0].translate(_ALONG)} through {where}"
+        )
     yield "columns of a campaign (docs/campaigns.md): " + ",".join(columns_of(model))
     yield f"next: measure, and  {finding(out) if bare(model) else fitting(out)}"
 

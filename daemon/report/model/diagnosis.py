@@ -7,22 +7,18 @@ from collections.abc import Callable, Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.diagnosis.campaign_notes import campaign_notes
 from abbe.compcore.diagnosis.explain import (
-    amount,
     changed,
     description,
     explanation,
     formula,
     headline,
-    parameter,
 )
 from abbe.compcore.diagnosis.findings import Established
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.diagnosis.pictures import CANDIDATES, IN_VOLUME, ON_LINE, OVER_TIME
-from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.shop_words import in_the_shop
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.diagnosis.verdict import Diagnosis
@@ -44,6 +40,7 @@ from abbe.compcore.units import in_digits
 from abbe.daemon.answers.model.apply import StepFigures
 from abbe.daemon.answers.typed import Adding
 from abbe.daemon.report.head import PageHead
+from abbe.daemon.report.model.cause_parameters import largest_of, parameter_rows
 from abbe.daemon.report.model.steps import how_it_fell
 from abbe.daemon.report.page import Page, number
 
@@ -122,9 +119,7 @@ def _title(diagnosis: Diagnosis) -> Sentence:
 def said_in_the_shop(diagnosis: Diagnosis, established: Established) -> Sentence:
     """A cause in the shop's words, with the largest error of it that the campaign shows."""
     unit, _, factor = diagnosis.unit
-    campaign = diagnosis.result.problem.campaign
-    shown = campaign.kind == (Kind.ROTATION if diagnosis.of_rotations else Kind.DISPLACEMENT)
-    largest = float(np.abs(established.signature[shown]).max(initial=0.0)) * factor
+    largest = largest_of(diagnosis, established, rotations=diagnosis.of_rotations) * factor
     values = [(e.value, e.unit) for e in established.estimates if e.measured]
     upright = diagnosis.result.problem.model.machine.structure.upright
     return in_the_shop(established.effect, largest, unit, values, upright)
@@ -136,7 +131,7 @@ def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:
     value = "unknown" if level is None else number(level * factor, 3)
     figures = [
         ("residuals", number(diagnosis.rms * factor, 3), f"{unit} rms"),
-        ("noise floor", value, "(no repeats)" if level is None else unit),
+        ("noise floor", value, "" if level is None else unit),
     ]
     stated = uncertainty_stated(diagnosis)
     whole = diagnosis.whole.chi2_per_dof
@@ -188,7 +183,7 @@ def _why(out: Page, diagnosis: Diagnosis, figures: Mapping[str, Callable[[], Fig
         out.text(explanation(established, diagnosis))
         out.table(
             ["parameter", "fitted", "plausible", "what it is"],
-            [parameter_row(e) for e in established.estimates],
+            parameter_rows(diagnosis, established),
         )
         spec = effect.spec
         others = ", and with the other causes," if len(diagnosis.established) > 1 else ""
@@ -197,18 +192,6 @@ def _why(out: Page, diagnosis: Diagnosis, figures: Mapping[str, Callable[[], Fig
             f"Residuals of the model without '{spec}'{others} against what it would add. Means on "
             "the dashed line: it explains them.",
         )
-
-
-def parameter_row(estimate: Estimate) -> list[str]:
-    """A parameter, as it would be fitted, what is plausible, and what it is."""
-    e = estimate
-    return [
-        e.name,
-        parameter(e).split(" = ", 1)[1] if e.measured else "not measured",
-        f"{amount(e.range[0], e)} … {amount(e.range[1], e)}"
-        + ("" if e.plausible else "  ← outside"),
-        e.description,
-    ]
 
 
 def structure_words(structure: ResidualPattern, diagnosis: Diagnosis) -> Sentence:

@@ -20,8 +20,8 @@ from abbe.compcore.diagnosis.words import advice_text, diagnosis_words
 from abbe.compcore.errors import InputError
 from abbe.compcore.units import read_in
 from abbe.daemon.answers.typed import Adding
+from abbe.daemon.report.model.cause_parameters import parameter_rows
 from abbe.daemon.report.model.diagnosis import (
-    parameter_row,
     said_in_the_shop,
     structure_words,
     verdict_title,
@@ -107,7 +107,7 @@ def _cause(
         "said": said_in_the_shop(diagnosis, established),
         "explanation": explanation(established, diagnosis),
         "instrument": effect.scope == "instrument",
-        "parameters": [parameter_row(e) for e in established.estimates],
+        "parameters": parameter_rows(diagnosis, established),
         "figure": figure,
         "aliases": in_words(
             [

@@ -28,7 +28,7 @@ from abbe.compcore.machine.structure import is_rotary
 
 @register
 class Positioning(ShapedEffect):
-    """Positioning error of a linear axis, E_XX (ISO 230-1, 3.4.3; ISO 230-2).
+    """Positioning error of a linear axis, of X: E_XX (ISO 230-1, 3.4.3; ISO 230-2).
 
     The axis arrives short of, or beyond, the place that its scale shows, by an amount that depends
     on where along its travel it stands.
