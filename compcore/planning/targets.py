@@ -98,10 +98,10 @@ class SurveyTask:
         low, high = self.ends(name)
         return low + part * (high - low)
 
-    def count(self, name: str) -> int:
-        """Targets over the whole travel of an axis."""
+    def count(self, name: str, *, moves: bool = True) -> int:
+        """Targets over the whole travel of an axis; where it does not `move` it shows no wave."""
         axis = self.machine.axes[name]
-        steps = line_steps(axis, self.waves.get(name), self.held)[0]
+        steps = line_steps(axis, self.waves.get(name) if moves else None, self.held)[0]
         return max(steps.targets, math.ceil(_PER_UNKNOWN * self._unknowns(axis)) + 1)
 
     def fine(self, name: str) -> tuple[float, float, int] | None:

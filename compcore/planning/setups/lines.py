@@ -149,15 +149,14 @@ def diagonals(
     """Body diagonals (ISO 230-6) and, where asked for, face diagonals, read by a laser."""
     if any(a not in task.machine.axes for a in "XYZ"):
         return
-    most = count or max(task.count(a) for a in "XYZ")
     for signs in product((1, -1), repeat=2):
         turned = dict(zip("XYZ", (1, *signs), strict=True))
-        yield _diagonal(task, instrument, turned, {}, most)
+        yield _diagonal(task, instrument, turned, {}, count)
     for pair in ("XY", "YZ", "XZ") if faces else ():
         third = next(k for k in "XYZ" if k not in pair)
         for part, second in product((0.0, 1.0), (1, -1)):
             turned = {pair[0]: 1, pair[1]: second}
-            yield _diagonal(task, instrument, turned, {third: part}, most)
+            yield _diagonal(task, instrument, turned, {third: part}, count)
 
 
 def _diagonal(
@@ -167,6 +166,7 @@ def _diagonal(
     parts: Mapping[str, float],
     count: int,
 ) -> PlannedSetup:
+    count = count or max(task.count(a, moves=a in turned) for a in "XYZ")
     stand = task.standing(parts)
     ends = {a: (v, v) for a, v in stand.items()}
     for a, sign in turned.items():

@@ -145,6 +145,16 @@ def test_what_squareness_would_be_taken_for_is_not_measured_along_diagonals():
     assert any(not s.axis for s in possible(task("bridge"), instruments_called(["laser"])))
 
 
+def test_a_wave_is_looked_for_where_its_axis_moves_and_nowhere_else():
+    usual, fine = task("bridge"), replace(task("bridge"), waves={"X": 60.0})
+    laser = instruments_called(["laser"])
+    for before, setup in zip(possible(usual, laser), possible(fine, laser), strict=False):
+        if np.ptp(setup.targets["X"]) == 0.0:
+            assert len(setup.targets["X"]) == len(before.targets["X"]), setup.what
+        else:
+            assert np.abs(np.diff(setup.targets["X"])).max() <= 0.25 * 60.0, setup.what
+
+
 def test_a_fitted_model_is_renewed_with_less_time_than_a_new_one_needs():
     aim = task("bridge")
     first = plan_survey(aim, AT_HAND, 5.0 * HOUR)
