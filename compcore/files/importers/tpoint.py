@@ -43,12 +43,19 @@ def import_tpoint(
     path: str | Path,
     placing: ForeignPlacing | None = None,
     *,
+    zero: tuple[float, float] | None = None,
     machine: Machine | None = None,
 ) -> Campaign:
     """Read the stars of a pointing run.
 
     Where an encoder's zero is arbitrary, its mean difference from the stars is taken off and said
-    in the notes.
+    in the notes. Another night of the same telescope needs the same ``zero``: what each night's
+    stars say by themselves would hide that the axis moved between them, or say that it did.
+
+    Parameters
+    ----------
+    zero
+        What is added to azimuth and elevation as read, degrees; None: found from the stars.
 
     Raises
     ------
@@ -67,14 +74,14 @@ def import_tpoint(
     ]
     apart = star - read
     apart[:, 0] = np.angle(np.exp(1j * apart[:, 0]))
-    for k, name in enumerate(("azimuth", "elevation")):
-        # of angles round a circle
-        zero = float(np.angle(np.mean(np.exp(1j * apart[:, k]))))
-        if abs(zero) > _ZERO:
-            read[:, k] += zero
-            notes.append(
-                f"zero of the {name}: {np.rad2deg(zero):.6f} degrees added to what it read"
-            )
+    taken = _zeros(apart) if zero is None else np.deg2rad(zero)
+    for name, off in zip(("azimuth", "elevation"), taken, strict=True):
+        if off:
+            notes.append(f"zero of the {name}: {np.rad2deg(off):.6f} degrees added to what it read")
+    read += taken
+    if zero is None and np.any(taken):
+        same = ",".join(f"{degrees:.6f}" for degrees in np.rad2deg(taken))
+        notes.append(f"other nights of the same telescope: --zero {same}")
     c, b = read[:, 0], 0.5 * np.pi - read[:, 1]
     c = np.angle(np.exp(1j * c))
     looks = _direction(c, b)
@@ -95,6 +102,14 @@ def import_tpoint(
     )
     notes.append("the file has no times")
     return place(source, data, [readings], placing, notes, {"instrument": "stars"}, machine)
+
+
+def _zeros(apart: F64) -> F64:
+    """Mean difference of star and encoder, (2,) rad, of angles round a circle; 0 where small."""
+    mean: F64 = np.angle(np.mean(np.exp(1j * apart), axis=0))
+    # as it is said, so that it can be typed for other nights
+    said = np.deg2rad(np.round(np.rad2deg(mean), 6))
+    return np.where(np.abs(mean) > _ZERO, said, 0.0)
 
 
 def _direction(azimuth: F64, zenith: F64) -> F64:

@@ -12,7 +12,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.importers.placing import ForeignPlacing
 from abbe.compcore.machine.machine import Machine
-from abbe.compcore.machine.plausible import TRAVEL
+from abbe.compcore.machine.plausible import TRAVEL, TRAVEL_ROTARY
 from abbe.compcore.machine.structure import Structure
 from abbe.daemon.arguments.assignments import number, split_assignments, tool_offset
 from abbe.daemon.arguments.measurements.foreign_layout import ForeignLayout
@@ -36,6 +36,8 @@ class ForeignOptions:
         Map: the structure code.
     measured
         Log: column → what it measures, as typed.
+    zero
+        Stars: what is added to azimuth and elevation as read, degrees, as typed.
     """
 
     axis: str | None = None
@@ -51,6 +53,7 @@ class ForeignOptions:
     placed: bool = False
     structure: str | None = None
     measured: Sequence[str] = ()
+    zero: str | None = None
 
 
 def read_foreign(
@@ -221,11 +224,18 @@ def _tracker(
 
 
 def _tpoint(
-    file: Path, placing: ForeignPlacing, machine: Machine | None, _: ForeignOptions
+    file: Path, placing: ForeignPlacing, machine: Machine | None, options: ForeignOptions
 ) -> Campaign:
     from abbe.compcore.files.importers.tpoint import import_tpoint
 
-    return import_tpoint(file, placing, machine=machine)
+    zero = None
+    if options.zero is not None:
+        parts = options.zero.split(",")
+        if len(parts) != 2:
+            raise InputError("not 2 numbers", field="zero", found=options.zero)
+        azimuth, elevation = (number("zero", part, "degrees", TRAVEL_ROTARY) for part in parts)
+        zero = azimuth, elevation
+    return import_tpoint(file, placing, zero=zero, machine=machine)
 
 
 _READERS: Mapping[ForeignLayout, _Reader] = {

@@ -97,6 +97,13 @@ def import_campaign(
             "offset; points: the columns of the points, COLUMN=X, =Y, =Z; repeated."
         ),
     ] = None,
+    zero: Annotated[
+        str | None,
+        typer.Option(
+            help="tpoint: AZIMUTH,ELEVATION added to what was read, degrees, as the import of "
+            "another night of the same telescope said; else found from the stars."
+        ),
+    ] = None,
     model: Annotated[
         Path | None, typer.Option(help="Model file: checks that every axis has its position.")
     ] = None,
@@ -139,6 +146,7 @@ def import_campaign(
         placed=placed,
         structure=structure,
         measured=measured or [],
+        zero=zero,
     )
     campaign = read_foreign(layout, file, placing, None if visits else machine, options)
     if visits is not None:

@@ -58,6 +58,24 @@ def test_an_encoder_s_zero_is_taken_off_and_said(tmp_path: Path) -> None:
     assert "zero of the elevation" not in str(campaign.metadata[0]["notes"])
 
 
+def test_another_night_with_the_zero_of_the_first_shows_that_the_axis_moved(tmp_path: Path) -> None:
+    """The second night's azimuth reads 40 µrad less: what was taken off the first shows it."""
+    moved = float(np.rad2deg(40e-6))
+    first = [(a, 45.0, a - 0.4, 45.1) for a in (10.0, 130.0, 250.0)]
+    second = [(a, e, read - moved, up) for a, e, read, up in first]
+    notes = str(import_tpoint(written(tmp_path, *first)).metadata[0]["notes"])
+    assert "other nights of the same telescope: --zero 0.400000,-0.100000" in notes
+
+    alone = import_tpoint(written(tmp_path, *second))
+    assert np.abs(alone.value).max() < 1e-8  # hidden in its own zero, but for its rounding
+    beside = import_tpoint(written(tmp_path, *second), zero=(0.4, -0.1))
+    said = str(beside.metadata[0]["notes"])
+    assert "zero of the azimuth: 0.400000 degrees" in said
+    assert "--zero" not in said
+    # about the upward axis across the line of sight, at 45 degrees
+    assert np.abs(beside.value[1::2]) == pytest.approx(40e-6 * np.cos(np.deg2rad(45.0)), rel=1e-3)
+
+
 @pytest.mark.parametrize(
     ("text", "line", "said"),
     [
