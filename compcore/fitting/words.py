@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.campaign.noise import NoiseFloor
+from abbe.compcore.fitting.cancelling import cancel_lines
 from abbe.compcore.fitting.design.begun import begun
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.detail import finer, no_finer_than_seen
@@ -166,6 +167,7 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     yield from undetermined_lines(result.undetermined)
     yield from too_fine_lines(problem)
     yield from run_away_lines(result.model, problem.campaign.conditions)
+    yield from cancel_lines(result)
     for test in rigid_body_test(result):
         if test.adjusted < FLEXES:
             by = test.by

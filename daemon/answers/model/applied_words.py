@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 from abbe.compcore.diagnosis.hidden_waves import hidden_waves
 from abbe.compcore.diagnosis.stepwise import Course
+from abbe.compcore.fitting.cancelling import cancel_lines
 from abbe.compcore.fitting.words import run_away_lines
 from abbe.compcore.model.course import peak_to_valley, play
 from abbe.compcore.model.model import Model, Term
@@ -25,6 +26,7 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
         yield f"not kept, left-out blocks are not predicted better with it: {effect.spec}"
     yield from _refused_by_others(course)
     yield from run_away_lines(model, course.last.result.problem.campaign.conditions)
+    yield from cancel_lines(course.last.result)
     units = _units(course)
     for term in model.terms:
         if size := _shape(course, model, term):
