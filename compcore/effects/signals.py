@@ -64,6 +64,9 @@ def pairs_by_sense(signals: Iterable[Signal], axis: str) -> list[tuple[Signal, S
     return sorted(combinations(signals, 2), key=rank)
 
 
+ACTING = ("load", "speed", "coolant", "other")
+"""Roles of signals that are no temperatures, and by which a body warms or bends all the same."""
+
 LAGGING = ("ambient", "coolant", "spindle", "speed", "load", "screw", "other")
 """Roles of signals that a body follows late: they are not measured on that body itself."""
 

@@ -7,11 +7,15 @@ it. At the end each effect that was added is tried without: what later ones made
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Sequence
+
+import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.screening.candidates import RIGID
+from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
 from abbe.compcore.diagnosis.stepwise.describing import describe
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, Progress
 from abbe.compcore.diagnosis.stepwise.step import Course, Step
@@ -38,6 +42,9 @@ MOST_STEPS = 60
 
 _CHANCE = 1e-4
 """Chance of so large a χ² from which on what is left is not all noise."""
+
+_FEWEST_BLOCKS = 3
+"""From which on their scatter says how sure a gain is."""
 
 _COLUMNS = 100
 """Parameters that the models on the way have, about: for the choice of threads."""
@@ -116,9 +123,22 @@ def _is_noise(result: FitResult) -> bool:
 
 
 def _foretells_better(one: Step, other: Step) -> bool:
-    """Whether one end predicts left-out blocks better by what is worth a cause."""
-    errors = [s.held_out.rotations if s.of_rotations else s.held_out.lengths for s in (one, other)]
-    return errors[0] ** 2 < (1.0 - WORTH) * errors[1] ** 2
+    """Whether one end predicts left-out blocks better by what is worth a cause, and surely.
+
+    Surely: the mean gain over the blocks is larger than the standard error of that mean.
+    """
+    thin = other.result.thin
+    mine, theirs = (s.held_out.left.residual for s in (one, other))
+    if mine.shape != theirs.shape:
+        return False
+    gain = (theirs**2 - mine**2) * thin.problem.weight**2
+    if not float(gain.sum()) > WORTH * float(((theirs * thin.problem.weight) ** 2).sum()):
+        return False
+    blocks = Blocks.of(thin.problem.campaign.conditions, thin.model.machine).usual
+    each = np.array([float(gain[rows].sum()) for rows in blocks])
+    if len(each) < _FEWEST_BLOCKS:
+        return False
+    return float(each.sum()) > math.sqrt(len(each)) * float(each.std(ddof=1))
 
 
 def _followed(growing: GrowingModel) -> Course:

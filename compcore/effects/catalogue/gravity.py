@@ -162,14 +162,17 @@ class GravityFlexure(Effect):
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[GravityFlexure]:
         """Each rotary axis that moved: upright, then in a machine that stands in any way.
 
-        Between them the arms: joints that are parallel, of which the outer weighs on the inner.
+        Between them what weighs on the axis that carries it: the nearest joint further out, as of a
+        fork head on its flange, whether or not that axis moved; and of arms all joints that are
+        parallel.
         """
         moving = [a for a in machine.structure.rotary if a in coverage.moving]
         for axis in moving:
             yield cls(axis=axis)
-        for axis in moving:
-            for by in _beyond(machine, axis):
-                if by in moving and _parallel(machine, axis, by):
+        for axis in machine.structure.rotary:
+            for number, by in enumerate(_beyond(machine, axis)):
+                arms = axis in moving and _parallel(machine, axis, by)
+                if by in moving and (arms or not number):
                     yield cls(axis=axis, by=by)
         for axis in moving:
             yield cls(axis=axis, gravity="fit")

@@ -12,6 +12,7 @@ from abbe.compcore.effects.base import ABOUT, F64, AxisLetter, ErrorMotion, Moti
 from abbe.compcore.effects.keys import Pair
 from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.signals import (
+    ACTING,
     LAGGING,
     LaggedEffect,
     by_sense,
@@ -232,7 +233,7 @@ class ThermalTilt(LaggedEffect):
                     names = (pair[0].name, pair[1].name)
                     yield cls(axis=axis, about=about, signals=names)
                     yield cls(axis=axis, about=about, signals=names, tau="fit")
-                for signal in [*singles, *(s for s in others if s.role in ("load", "speed"))]:
+                for signal in [*singles, *(s for s in others if s.role in ACTING)]:
                     yield cls(axis=axis, about=about, signal=signal.name)
                     if signal.role in LAGGING:
                         yield cls(axis=axis, about=about, signal=signal.name, tau="fit")
