@@ -23,7 +23,12 @@ from abbe.compcore.comparison.lines import MeasuredLine, lines
 from abbe.compcore.comparison.parts import ComparedRows, Mask, Point
 from abbe.compcore.comparison.pictures import line_figure, part_figures
 from abbe.compcore.comparison.tabulate import ResidualGroup, group, tables
-from abbe.compcore.comparison.words import comparison_words, fitted_note, known_waves
+from abbe.compcore.comparison.words import (
+    clock_words,
+    comparison_words,
+    fitted_note,
+    known_waves,
+)
 from abbe.compcore.distributions import chi2_limit
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError, require_type
@@ -37,6 +42,7 @@ from abbe.compcore.fitting.gauss_newton import gauss_newton
 from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.words import start_lines
 from abbe.compcore.linalg import threads_for
+from abbe.compcore.model.days import of_another_day
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
 from abbe.compcore.sentences import joined, said
@@ -80,6 +86,9 @@ class Comparison(Shown):
         The rows' standard uncertainties and where they come from.
     left_out
         Specs of instrument effects that belong to other set-ups than this campaign's.
+    other_day, same_day
+        Specs of what ran by the clock of another day, and is left out; and of what is applied as
+        if this were the same day, as no date says which it is.
     changed
         What has changed since the model was fitted, in sentences; empty where nobody asked.
     diagnosing
@@ -97,6 +106,8 @@ class Comparison(Shown):
     noise: NoiseFloor
     uncertainty: Uncertainty
     left_out: tuple[str, ...]
+    other_day: tuple[str, ...] = ()
+    same_day: tuple[str, ...] = ()
     changed: tuple[str, ...] = ()
     diagnosing: str = "abbe.diagnose(model, campaign)"
 
@@ -199,6 +210,7 @@ class Comparison(Shown):
             yield fitted_note(files)
         yield from self.verdict()
         yield from start_lines(self.problem, self.theta)
+        yield from clock_words(self.other_day, self.same_day)
         yield from comparison_words(
             self.problem.campaign,
             self.lengths,
@@ -288,7 +300,11 @@ def compare(model: Model, campaign: Campaign) -> Comparison:
     require_rows_together(campaign)
     seen_in_fit = model.seen(campaign.files.values())
     left_out = () if seen_in_fit else tuple(e.spec for e in model.effects if bound_to_setup(e))
-    applied = model if seen_in_fit else _without_bound(model)
+    applied = model if seen_in_fit else _without(model, bound_to_setup)
+    clock = [e for e in model.effects if e.of_its_day()] if not seen_in_fit else []
+    another = of_another_day(model, campaign) if clock else False
+    if another:
+        applied = _without(applied, lambda e: e.of_its_day())
     uncertainty = Uncertainty.of(campaign, model.machine)
     # how warm bodies were when another run began the fit does not say
     bodies: Bodies = "asked" if seen_in_fit else "all"
@@ -297,7 +313,11 @@ def compare(model: Model, campaign: Campaign) -> Comparison:
         problem.expect_starts(problem.layout.of_model(applied, campaign))
     share = float(model.fit.get("determined", 0)) / campaign.n if seen_in_fit else 0.0
     with threads_for(min(problem.n, rows_at_once(problem.layout.size)) * problem.layout.size):
-        return _compared(problem, applied, uncertainty, share, left_out)
+        found = _compared(problem, applied, uncertainty, share, left_out)
+    specs = tuple(e.spec for e in clock)
+    return replace(
+        found, other_day=specs if another else (), same_day=specs if another is None else ()
+    )
 
 
 def _compared(
@@ -360,9 +380,9 @@ def bound_to_setup(effect: Effect) -> bool:
     return effect.scope == "instrument" and named
 
 
-def _without_bound(model: Model) -> Model:
+def _without(model: Model, which: Callable[[Effect], bool]) -> Model:
     # without values they predict nothing
-    terms = tuple(replace(t, values={}) if bound_to_setup(t.effect) else t for t in model.terms)
+    terms = tuple(replace(t, values={}) if which(t.effect) else t for t in model.terms)
     return replace(model, terms=terms, covariance=None)
 
 

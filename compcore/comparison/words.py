@@ -10,13 +10,29 @@ from abbe.compcore.campaign.sampling import sampling_words
 from abbe.compcore.comparison.lines import MeasuredLine
 from abbe.compcore.comparison.parts import ComparedRows
 from abbe.compcore.model.model import Model
-from abbe.compcore.sentences import said
+from abbe.compcore.sentences import Sentence, said
 from abbe.compcore.units import in_digits
 
 _MOST_LISTED = 8
 OTHER_SETUPS = said(
     "ISO/TR 16907, 11.3, asks for other set-ups and other points than those of the tables"
 )
+
+
+def clock_words(other_day: Sequence[str], same_day: Sequence[str]) -> Iterator[Sentence]:
+    """What of a model ran by the clock of another day, or is applied as if it were the same."""
+    if other_day:
+        yield said(
+            "left out: {specs} (by the clock of the day to which the model was fitted; this is "
+            "another one)",
+            specs=", ".join(other_day),
+        )
+    if same_day:
+        yield said(
+            "{specs}: by the clock of the day to which the model was fitted, and applied as if "
+            "this were the same one: the campaigns do not say their days (`date` in their heads)",
+            specs=", ".join(same_day),
+        )
 
 
 def comparison_words(

@@ -11,9 +11,8 @@ a change.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import date
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +25,7 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.design.unknowns import BASE_SCALE
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.linalg import threads_for
+from abbe.compcore.model.days import day, fitted_days, measured_days
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import in_digits
 
@@ -265,22 +265,12 @@ def _dates(given: Model, campaign: Campaign) -> tuple[str | None, str | None]:
     A model held when its own campaigns were measured; where they say no date, when it was fitted.
     Only a campaign that says that it is of a later day can have changed since.
     """
-    fitted = _day(given.fit.get("date"))
-    records = given.fit.get("campaigns", ())
-    of_fit = [_day(r.get("conditions", {}).get("date")) for r in records if isinstance(r, Mapping)]
-    held = max((d for d in of_fit if d is not None), default=fitted)
-    measured = [_day(head.get("date")) for head in campaign.metadata]
+    fitted = day(given.fit.get("date"))
+    held = max((d for d in fitted_days(given) if d is not None), default=fitted)
+    measured = measured_days(campaign)
     if held is None or not measured or any(d is None or d < held for d in measured):
         return None, fitted
     return held, fitted
-
-
-def _day(stated: object) -> str | None:
-    """The day of a date as a head or a record states it, ISO 8601; None of anything else."""
-    try:
-        return date.fromisoformat(str(stated)[:10]).isoformat()
-    except ValueError:
-        return None
 
 
 def _standing(known: _GivenValues) -> Standing:

@@ -102,6 +102,9 @@ def _fitted(estimates: Sequence[Estimate]) -> list[str]:
     silent = [e.name for e in estimates if not e.measured]
     parts: list[str] = []
     if measured:
+        if len(measured) > _SHOWN:
+            # a period or a lag says what it is: never among those that are not shown
+            measured.sort(key=lambda e: not e.searched)
         shown = _first([parameter(e) for e in measured])
         parts.append(said("Fitted: {parameters}.", parameters=shown))
     if measured and silent:

@@ -290,6 +290,10 @@ class Effect(BaseModel, ABC):
         """Whether the columns depend on the time itself, beside what signals say."""
         return self.of_the_clock
 
+    def of_its_day(self) -> bool:
+        """Whether it says nothing of another day: what began at a moment of this one."""
+        return self.reads_time()
+
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
         """Axes on whose position the columns depend (levers not counted)."""
         axis = getattr(self, "axis", None)

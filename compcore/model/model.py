@@ -255,20 +255,27 @@ class Model:
             found.update({f"{term.effect.spec} {name}": s for name, s in term.tables.items()})
         return found
 
+    @property
+    def of_their_day(self) -> tuple[str, ...]:
+        """Specs of effects that hold on the day only to which they were fitted."""
+        return tuple(t.effect.spec for t in self.terms if t.effect.of_its_day())
+
     def switched(self, wanted: Switch = "on") -> Model:
         """The part of this model whose compensation is on (or off, or only shown).
 
-        What is applied by `abbe correct`, `table` and `run` is the part that is on. Its covariance
-        is that of the effects that are left.
+        What is applied by `abbe correct`, `table` and `run` is the part that is on, without what
+        says nothing of another day (a drift, an event, a formula of the time): it would run again
+        by another clock. Its covariance is that of the effects that are left.
         """
-        if not any(term.switch != wanted or term.tables for term in self.terms):
+        gone = self.of_their_day if wanted == "on" else ()
+        if not gone and not any(term.switch != wanted or term.tables for term in self.terms):
             return self
         kept: list[Term] = []
         rows: list[int] = []
         row = 0
         for term in self.terms:
             part = term.part(wanted)
-            if part is not None:
+            if part is not None and term.effect.spec not in gone:
                 kept.append(part)
                 rows += range(row, row + len(term.values))
             row += len(term.values)

@@ -50,6 +50,14 @@ def not_applied(model: Model) -> list[str]:
         f"{name} is {'off' if switch == 'off' else 'only shown'} and not applied"
         for name, switch in model.switches.items()
         if switch != "on"
+    ] + of_their_day(model)
+
+
+def of_their_day(model: Model) -> list[str]:
+    """What holds on the day only to which it was fitted, for people."""
+    return [
+        f"{spec} holds on the day only to which it was fitted, and is not applied"
+        for spec in model.of_their_day
     ]
 
 
@@ -61,6 +69,7 @@ def names_off(model: Model) -> list[str]:
 def notes(model: Model, parts: Mapping[str, tuple[float, float, float] | None]) -> list[str]:
     """What is not applied, for people."""
     said = [f"{name} is off and not applied" for name in names_off(model)]
+    said += of_their_day(model)
     for spec, moves in parts.items():
         if moves is None:
             said.append(f"{spec} is only shown, and a signal that it reads is not stated")

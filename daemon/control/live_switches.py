@@ -10,6 +10,7 @@ from collections.abc import Mapping
 from pathlib import Path
 
 from abbe.compcore.model.model import Model, Switch
+from abbe.daemon.answers.switches import of_their_day
 
 Switches = Mapping[str, Switch]
 
@@ -61,4 +62,5 @@ def back_words(now: Switches, in_file: Switches, then: Switches, model: Path) ->
 def start_words(model: Model, path: Path) -> str:
     """What is on at the start, as the model file says."""
     off = [f"{name} is {switch}" for name, switch in model.switches.items() if switch != "on"]
+    off += of_their_day(model)
     return f"compensations as {path} says: {'; '.join(off) or 'all on'}"

@@ -11,6 +11,9 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.model.model import Model
 
+_ABSURD = 10.0
+"""Times the plausible range beyond which nothing follows a signal."""
+
 _TWO = 2.0
 """Least ratio of two time constants behind one signal."""
 
@@ -34,9 +37,11 @@ def sound(model: Model, effect: Effect) -> bool:
     What reads wrong by more is described by its reading, and is no fault of the thermometer. Nor is
     a beam what shows in the small difference of a great sag and a guideway that is bent against it.
     """
+    values = next((t.values for t in model.terms if t.effect == effect), {})
+    if "tau" in values and not values["tau"].measured:
+        return False  # so late that it never comes: whatever drifted meanwhile
     if not effect.reads_model and effect.kind != "overhang_sag":
         return True
-    values = next((t.values for t in model.terms if t.effect == effect), {})
     for p in effect.linear(model.machine):
         if p.name in values:
             sd = values[p.name].sd or 0.0
@@ -44,6 +49,26 @@ def sound(model: Model, effect: Effect) -> bool:
             if not low - 2.0 * sd <= values[p.name].value <= high + 2.0 * sd:
                 return False
     return True
+
+
+def absurd(model: Model, effect: Effect) -> bool:
+    """Whether what follows a signal does so beyond all that machines do.
+
+    Two lags of nearly the same length behind one signal, with coefficients that are each other's
+    opposite, are its derivative: they follow whatever drifts meanwhile, and foretell no other day.
+    """
+    if not effect.signals_needed():
+        return False
+    values = next((t.values for t in model.terms if t.effect == effect), {})
+    for p in effect.linear(model.machine):
+        found = values.get(p.name)
+        if found is None:
+            continue
+        low, high = p.plausible
+        beyond = _ABSURD * 0.5 * (high - low)
+        if abs(found.value - 0.5 * (low + high)) - 2.0 * (found.sd or 0.0) > beyond:
+            return True
+    return False
 
 
 def worth(plainer: FitResult, fuller: FitResult) -> bool:

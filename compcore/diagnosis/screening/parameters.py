@@ -42,6 +42,8 @@ class Estimate:
         What the parameter is.
     extent
         Whether it is a place, a period or a path, which people read in mm.
+    searched
+        Whether it is no coefficient: a period, a lag, a moment, a place.
     """
 
     name: str
@@ -52,6 +54,7 @@ class Estimate:
     range: tuple[float, float]
     description: str
     extent: bool = False
+    searched: bool = False
 
     @property
     def impossible(self) -> bool:
@@ -163,6 +166,7 @@ def _estimate(parameter: Parameter | NonlinearParameter, value: float, sd: float
         parameter.plausible,
         parameter.description,
         parameter.extent,
+        isinstance(parameter, NonlinearParameter),
     )
 
 

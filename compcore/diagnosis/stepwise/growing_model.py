@@ -7,7 +7,7 @@ from dataclasses import replace
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.judging.second_order import beyond_first_order
-from abbe.compcore.diagnosis.judging.soundness import apart, sound
+from abbe.compcore.diagnosis.judging.soundness import absurd, apart, sound
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.stepwise.step import Step
 from abbe.compcore.diagnosis.stepwise.unseen import UnseenCampaign
@@ -251,6 +251,9 @@ class GrowingModel:
         if not all(b.plausible for b in begun(result.problem, result.theta)):
             return None  # a body that began where none can have been is no body
         if not all(sound(result.model, e) for e in changed):
+            return None
+        known = {e for e in self.last.result.model.effects if absurd(self.last.result.model, e)}
+        if any(absurd(result.model, e) for e in result.model.effects if e not in known):
             return None
         if self.spoils(result, changed):
             return None

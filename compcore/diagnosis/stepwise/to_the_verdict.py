@@ -167,7 +167,8 @@ def _followed(growing: GrowingModel) -> Course:
             or _complete_joints(growing, diagnosis)
             or growing.prune()
             or regress(growing, diagnosis)
-            or describe(growing, diagnosis)
+            # of noise there is nothing to describe
+            or (not _is_noise(growing.last.result) and describe(growing, diagnosis))
         ):
             break
         diagnosis = growing.diagnosed()

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.effects.catalogue.formula import Formula
+from abbe.compcore.effects.catalogue.formula import MOST_TERMS, Formula
 from abbe.compcore.machine.machine import Machine
 
 _DIRECTIONS = ("X", "Y", "Z")
@@ -59,7 +59,7 @@ def smooth_errors(machine: Machine, campaign: Campaign) -> Iterator[tuple[Effect
     for degree in _DEGREES:
         for least in (2, 1):  # axes in a product
             terms = list(_terms(machine, axes, degree, least))
-            if _PLACES * len(terms) <= places:
+            if len(terms) <= MOST_TERMS and _PLACES * len(terms) <= places:
                 yield tuple(
                     Formula.model_validate({"channel": f"d{d}", "terms": tuple(terms)})
                     for d in channels

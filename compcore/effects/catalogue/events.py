@@ -49,6 +49,10 @@ class WarmUp(ShiftEffect):
     of_the_clock = True
     tau: PositiveUnlessFitted = None
 
+    def of_its_day(self) -> bool:
+        """A machine warms up every day."""
+        return False
+
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The whole way."""
         error_motion = self.error_motion()

@@ -54,7 +54,10 @@ def _without_spaces(text: str) -> str:
     return _SPACE.sub(lambda match: match[1] or "", text)
 
 
-Terms = Annotated[tuple[str, ...], BeforeValidator(_split), Field(min_length=1, max_length=50)]
+MOST_TERMS = 50
+Terms = Annotated[
+    tuple[str, ...], BeforeValidator(_split), Field(min_length=1, max_length=MOST_TERMS)
+]
 
 
 def _is_variable(name: str) -> bool:

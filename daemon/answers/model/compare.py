@@ -52,7 +52,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
             for s in samplings(comparison.problem.campaign)
         ],
         "run_starts": starts_json(comparison.problem, comparison.theta),
-        "left_out": list(comparison.left_out),
+        "left_out": [*comparison.left_out, *comparison.other_day],
         "suspicions": list(comparison.suspicions),
         "rotation": {
             **_part(comparison, comparison.rotations, "urad", 1e6),

@@ -10,7 +10,7 @@ from abbe.compcore.campaign.sampling import sampling_words
 from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.comparison.parts import ComparedRows
 from abbe.compcore.comparison.tabulate import ResidualGroup
-from abbe.compcore.comparison.words import fitted_note, known_waves
+from abbe.compcore.comparison.words import clock_words, fitted_note, known_waves
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.residuals import MOST_POINTS
 from abbe.compcore.sentences import said
@@ -40,6 +40,7 @@ def comparison_page(comparison: Comparison, head: PageHead) -> Page:
         ],
         warning=True,
     )
+    page.notes(list(clock_words(comparison.other_day, comparison.same_day)), warning=True)
     if problem.model.history and (
         versions := error_of_versions([*problem.model.history, problem.model.fit])
     ):

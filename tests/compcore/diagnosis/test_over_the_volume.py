@@ -13,6 +13,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis.stepwise import to_the_verdict
 from abbe.compcore.diagnosis.uncatalogued.chosen import of_positions_alone
+from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
 from abbe.compcore.effects.registry import make_effect
 from abbe.compcore.files.model_file import parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
@@ -178,3 +179,18 @@ def test_noise_is_not_described(seed: int) -> None:
     model = parse_model(TomlSource(VOLUME))
     course = to_the_verdict(model, campaign(model, places[:FITTED], value[:FITTED]))
     assert "described" not in {s.action for s in course.steps}
+
+
+def test_four_linear_axes_have_more_products_than_a_formula_has_terms() -> None:
+    """A boring mill with a ram ended with an error of the program: 53 terms, of 50 at most."""
+    text = VOLUME.replace("w b X Y Z t", "w X' Z' b Y W (C) t")
+    model = parse_model(TomlSource(text + "[machine.axes.W]\ntravel = [0.0, 700.0]\n"))
+    rng = np.random.default_rng(2)
+    lines = ['# format = "abbe-campaign/1"', "setup,kind,X,Y,Z,W,ux,uy,uz,value"]
+    for at in rng.uniform([400.0, -400.0, 50.0, 0.0], [900.0, 400.0, 550.0, 700.0], (700, 4)):
+        where = ",".join(f"{q:.2f}" for q in at)
+        lines += [f"s,displacement,{where},{u},{rng.normal():.3f}" for u in ("1,0,0", "0,1,0")]
+    campaign = trial.as_campaign("\n".join(lines) + "\n", model)
+    found = list(smooth_errors(model.machine, campaign))
+    assert found
+    assert all(len(e.terms) <= 50 for effects in found for e in effects)
