@@ -34,3 +34,11 @@ def of_another_day(model: Model, campaign: Campaign) -> bool | None:
     if not fitted or not measured or None in fitted or None in measured:
         return None
     return not set(fitted) & set(measured)
+
+
+def of_their_day(model: Model) -> list[str]:
+    """What holds on the day only to which it was fitted, for people."""
+    return [
+        f"{spec} holds on the day only to which it was fitted, and is not applied"
+        for spec in model.of_their_day
+    ]

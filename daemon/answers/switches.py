@@ -9,6 +9,7 @@ import numpy as np
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.model.days import of_their_day
 from abbe.compcore.model.model import Model
 
 
@@ -51,14 +52,6 @@ def not_applied(model: Model) -> list[str]:
         for name, switch in model.switches.items()
         if switch != "on"
     ] + of_their_day(model)
-
-
-def of_their_day(model: Model) -> list[str]:
-    """What holds on the day only to which it was fitted, for people."""
-    return [
-        f"{spec} holds on the day only to which it was fitted, and is not applied"
-        for spec in model.of_their_day
-    ]
 
 
 def names_off(model: Model) -> list[str]:

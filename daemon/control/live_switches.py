@@ -9,8 +9,8 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import Path
 
+from abbe.compcore.model.days import of_their_day
 from abbe.compcore.model.model import Model, Switch
-from abbe.daemon.answers.switches import of_their_day
 
 Switches = Mapping[str, Switch]
 
