@@ -80,6 +80,8 @@ class RotaryLocation(Effect):
             error_motion = ErrorMotion(self.axis, k)
             plausible = (-1e-3, 1e-3) if error_motion.rotation else (-0.2, 0.2)
             text = f"axis average line of {self.axis}, {k}"
+            if k == own_component(self.axis):
+                text = f"where {self.axis} stands when it shows 0"
             # where an encoder counts from is agreed upon: no angle is more sound than another
             agreed = k in zeros or (
                 not error_motion.rotation and _on_linear_axes(machine, self.axis)
