@@ -142,8 +142,13 @@ def import_points(
             "the points are all the same", file=source, field=", ".join(names),
             found=f"{n} points at one place", expected="points over the working volume",
         )  # fmt: skip
-    pose = stand(chain, seen, np.array(placing.tool), free=free)
     spread = float(np.sqrt(np.mean(np.ptp(seen, axis=0) ** 2)))
+    pose = stand(chain, seen, np.array(placing.tool), free=free)
+    if free and pose.rms > _FITS * spread:
+        # a reflector far from where it was looked for: look on the joints' lines too
+        begun = [machine.axis(a).location for a in machine.structure.axes if is_rotary(a)]
+        poses = [stand(chain, seen, np.asarray(p) + placing.tool, free=True) for p in begun]
+        pose = min([pose, *poses], key=lambda found: found.rms)
     if pose.rms > _FITS * spread:
         raise InputError(
             "the points are none of this machine, as the model describes it",

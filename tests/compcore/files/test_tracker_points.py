@@ -98,6 +98,21 @@ def test_where_an_arm_holds_its_reflector_is_found(tmp_path: Path) -> None:
     assert np.abs(stated.value).max() < 1e-9
 
 
+def test_a_reflector_far_from_the_origin_is_found_by_two_joints_alone(tmp_path: Path) -> None:
+    """The other joints rest: from the origin the offset is looked for in vain."""
+    arm = machine("w b C1 B2 B4 B6 t", "C1 0 0 0, B2 0 0 340, B4 0 0 740, B6 0 0 1140")
+    tool = np.array([1.0, 1.0, 1331.0])
+    c, b = np.repeat(np.linspace(-90.0, 150.0, 14), 14), np.tile(np.linspace(-85.0, 85.0, 14), 14)
+    about = np.array([0.0, 0.0, 340.0])
+    raised = Rotation.from_euler("y", b[:, None], degrees=True).apply(tool - about) + about
+    seen = Rotation.from_euler("z", c[:, None], degrees=True).apply(raised)
+    rest = np.zeros((len(c), 2))
+    path = written(tmp_path / "p.csv", "C1 B2 B4 B6 x y z", c, b, rest, STAND.apply(seen) + SHIFT)
+    campaign = import_points(path, arm)
+    assert np.abs(campaign.value).max() < 2e-3
+    assert campaign.conditions.tool[0] == pytest.approx(tool, abs=1e-3)
+
+
 def test_what_is_none_of_this_machine_is_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(7)
     angles = rng.uniform(-70.0, 70.0, (25, 5))
