@@ -12,7 +12,9 @@ from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.model.model import Model
 
 _ABSURD = 10.0
-"""Times the plausible range beyond which nothing follows a signal."""
+"""Times the plausible range beyond which nothing is that follows a signal or a guideway."""
+
+_OF_A_GUIDEWAY = ("positioning", "straightness", "angular", "cross_angular")
 
 _TWO = 2.0
 """Least ratio of two time constants behind one signal."""
@@ -52,12 +54,13 @@ def sound(model: Model, effect: Effect) -> bool:
 
 
 def absurd(model: Model, effect: Effect) -> bool:
-    """Whether what follows a signal does so beyond all that machines do.
+    """Whether what follows a signal, or a guideway, errs beyond all that machines do.
 
     Two lags of nearly the same length behind one signal, with coefficients that are each other's
     opposite, are its derivative: they follow whatever drifts meanwhile, and foretell no other day.
+    A turn of an axis on a lever that hardly varies, and a shift that is its opposite, likewise.
     """
-    if not effect.signals_needed():
+    if not effect.signals_needed() and effect.kind not in _OF_A_GUIDEWAY:
         return False
     values = next((t.values for t in model.terms if t.effect == effect), {})
     for p in effect.linear(model.machine):
