@@ -11,12 +11,11 @@ from abbe.compcore.diagnosis.explain import amount, parameter
 from abbe.compcore.diagnosis.findings import Established
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.verdict import Diagnosis
-from abbe.compcore.sentences import said
 from abbe.daemon.report.page import number
 
 _CURVE = 3
 """So many coefficients are a curve."""
-_LARGEST = said("the curve's largest deviation where it was measured")
+_LARGEST = "the curve's largest deviation where it was measured"
 _OUTSIDE = "  ← outside"
 
 

@@ -160,7 +160,7 @@ def _tables(page: Page, comparison: Comparison, part: ComparedRows, unit: str) -
     for title, groups in told_apart(comparison, part):
         page.table(
             ["", "n", f"rms, {unit}", f"largest, {unit}", f"mean, {unit}"],
-            [[where_of(g), g.n, g.rms, g.max, g.mean] for g in groups],
+            [[where_of(g, rotations=unit == "µrad"), g.n, g.rms, g.max, g.mean] for g in groups],
             caption=title,
             digits=3,
         )
@@ -190,7 +190,7 @@ def told_apart(
             yield f"{title}, worst first", sorted(groups, key=lambda g: -g.rms)[:_MOST_ROWS]
 
 
-def where_of(group: ResidualGroup) -> str:
+def where_of(group: ResidualGroup, *, rotations: bool = False) -> str:
     """What some rows have in common, in words."""
     parts = dict(group.of)
     if "from" in parts and "to" in parts:
@@ -199,7 +199,8 @@ def where_of(group: ResidualGroup) -> str:
     if "direction" in parts:
         side = f"{parts['axis']} {'towards plus' if parts['direction'] > 0 else 'towards minus'}"
         measured = parts["measured"]
-        return f"{side}, measured {'obliquely' if measured == 'oblique' else f'in {measured}'}"
+        how = f"{'about' if rotations else 'in'} {measured}"
+        return f"{side}, measured {'obliquely' if measured == 'oblique' else how}"
     return " ".join(
         ", ".join(number(x) for x in v) if isinstance(v, list) else str(v) for v in parts.values()
     )

@@ -83,7 +83,9 @@ def _tables(comparison: Comparison) -> Iterator[dict[str, Any]]:
                 "title": title,
                 "part": k,
                 "columns": ["", "n", f"rms, {unit}", f"largest, {unit}", f"mean, {unit}"],
-                "cells": in_words([[where_of(g), g.n, g.rms, g.max, g.mean] for g in groups], 3),
+                "cells": in_words(
+                    [[where_of(g, rotations=bool(k)), g.n, g.rms, g.max, g.mean] for g in groups], 3
+                ),
                 "select": [_selected(g, k, groups) for g in groups],
             }
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterator
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -108,11 +109,10 @@ def _groups(one: Comparison, other: Comparison) -> Iterator[dict[str, Any]]:
         for (title, groups), (_, others) in zip(
             told_apart(one, first), told_apart(other, second), strict=False
         ):
-            same = {str(where_of(g)): g for g in others}
+            where = partial(where_of, rotations=bool(k))
+            same = {str(where(g)): g for g in others}
             cells: list[list[Cell]] = [
-                [where_of(g), g.rms, same[str(where_of(g))].rms]
-                for g in groups
-                if str(where_of(g)) in same
+                [where(g), g.rms, same[str(where(g))].rms] for g in groups if str(where(g)) in same
             ]
             yield {"title": title, "part": k, "unit": unit, "cells": in_words(cells, 3)}
 

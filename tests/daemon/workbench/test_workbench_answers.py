@@ -272,3 +272,27 @@ def test_compare_waits_until_somebody_looks(campaign: Path) -> None:
     bench.look()
     bench.look()
     assert answer(idle(bench).findings.compared)["title"]
+
+
+def test_learn_shows_a_curve_by_its_largest_deviation(tmp_path: Path) -> None:
+    """Coefficients of a spline trade with each other: alone each was ± 71 µm."""
+    lines = ['# format = "abbe-campaign/1"', "time,setup,kind,X,X_dir,ux,uy,uz,value,sd"]
+    noise = np.random.default_rng(3)
+    for i, x in enumerate(np.tile(np.linspace(0.0, 300.0, 16), 4)):
+        value = 9.0 * np.sin(x / 30.0) * np.exp(-x / 200.0) + noise.normal(0.0, 0.3)
+        lines.append(f"{20 * i},x,displacement,{x},1,1,0,0,{value:.3f},0.3")
+    (tmp_path / "c.csv").write_text("\n".join(lines) + "\n")
+    (tmp_path / "m.toml").write_text(
+        'format = "abbe-model/1"\n[machine]\nname = "slit"\nstructure = "w b X t"\n'
+        "[machine.axes.X]\ntravel = [0, 300]\n"
+    )
+    bench = idle(Workbench(tmp_path / "m.toml", [tmp_path / "c.csv"]))
+    bench.learn()
+    found = answer(idle(bench).findings.learned)
+    curves = [c for c in found["causes"] if c["spec"].startswith("positioning axis=X")]
+    assert curves, [c["spec"] for c in found["causes"]]
+    for cause in curves:
+        name, largest, _, what = cause["parameters"][0]
+        assert name.startswith("c1 … c")
+        assert 4.0 < float(largest.removesuffix(" µm")) < 12.0
+        assert what == "the curve's largest deviation where it was measured"
