@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
+from typer.testing import CliRunner
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import AbbeError
@@ -360,3 +361,20 @@ def test_two_drives_that_cannot_be_are_one_line(text, tmp_path):
     assert done.status == 1
     assert len(done.err.strip().splitlines()) == 1
     assert not (tmp_path / "m.toml").exists()
+
+
+def test_an_arm_is_told_where_its_tools_count_from(tmp_path: Path) -> None:
+    arm = ["--structure", "w b C1 B2 A3 t", "--bare"]
+    for name in ("C1", "B2", "A3"):
+        arm += ["--travel", f"{name}=-90,90"]
+    arm += ["--location", "B2=150,0,400", "--location", "A3=0,0,1000"]
+    done = CliRunner().invoke(app, ["new", "-o", str(tmp_path / "arm.toml"), *arm])
+    assert done.exit_code == 0, done.output
+    (said,) = [line for line in done.output.splitlines() if line.startswith("tools ")]
+    assert "not from the flange" in said
+    assert said.endswith("A3 then turns about a line along X through 0, 0, 1000")
+    machine = ["--structure", "bridge", "--travel", "X=0,700", "--travel", "Y=0,900"]
+    machine += ["--travel", "Z=-300,0"]
+    done = CliRunner().invoke(app, ["new", "-o", str(tmp_path / "cmm.toml"), *machine])
+    assert done.exit_code == 0, done.output
+    assert "flange" not in done.output
