@@ -11,7 +11,7 @@ a change.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -324,8 +324,28 @@ def _standing(known: _GivenValues) -> Standing:
             )
         )
     changes.sort(key=lambda c: -c.evidence)
+    suspicions += _impossible(known, changes)
     holds = known.disagrees(known.chi2(found)) > _AGREES
     return Standing(chance, tuple(changes), tuple(suspicions), since, fitted, holds)
+
+
+def _impossible(known: _GivenValues, changes: Sequence[Change]) -> Iterator[str]:
+    """Of what would have become negative and never is, as an expansion is not.
+
+    A thermometer that is read with the wrong sign, or exchanged with another one, shows so.
+    """
+    machine = known.given.machine
+    for change in changes:
+        ranges = {p.name: p.plausible for p in change.effect.linear(machine)}
+        signals = ", ".join(change.effect.signals_needed())
+        for p in change.parameters:
+            low, high = ranges.get(p.name, (-1.0, 1.0))
+            if signals and low > -0.5 * high and p.after + 2.0 * p.sd < low:
+                yield (
+                    f"{change.effect.spec}: {p.name} would be negative, which no material is. "
+                    f"{signals} may be read with the wrong sign, or is exchanged with another "
+                    "thermometer: look at it before anything is fitted"
+                )
 
 
 def _least_set(known: _GivenValues, chi2: float) -> list[int]:

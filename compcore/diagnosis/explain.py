@@ -29,6 +29,8 @@ F64 = NDArray[np.float64]
 _MOST_SETUPS = 3
 _MOST_CHANGED = 3
 _SHOWN = 4
+_SHOWS = 0.005
+"""Part of the variance of left-out blocks below which it would be shown as 0 %."""
 _NAMED = 6
 """An effect of more parameters is a shape, of which no single one says anything."""
 
@@ -185,7 +187,7 @@ def _evidence(established: Established, diagnosis: Findings, campaign: Campaign)
     if places := _where(signature, campaign, diagnosis):
         parts.append(said(", most of it in {places}", places=places))
     gain = established.cross_validated_gain
-    if gain > 0.0:
+    if gain >= _SHOWS:
         less = f"{gain:.0%}"
         parts.append(
             said("; blocks left out of the fit are predicted with {less} less variance.", less=less)
@@ -210,7 +212,7 @@ def _chance(log_p: float) -> str:
     """
     power = log_p / np.log(10.0)
     if power < -99:
-        return said("chance: none")
+        return said("chance: less than 1 in 10⁹⁹")
     return said("chance: 1 in 10{power}", power=f"{-power:.0f}".translate(_RAISED))
 
 

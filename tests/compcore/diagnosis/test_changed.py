@@ -186,3 +186,18 @@ def test_a_model_that_holds_is_compared_without_a_warning(case: Case, tmp_path: 
     said = CliRunner().invoke(app, ["compare", str(path), str(DATA / "check.csv")])
     assert said.exit_code == 0, said.output
     assert "DOES NOT HOLD" not in said.stdout
+
+
+def test_a_thermometer_with_the_wrong_sign_is_suspected_and_nothing_is_to_be_fitted(
+    case: Case,
+) -> None:
+    """Mirrored about 20 °C: an expansion of −10 ppm/K, which no material has."""
+    model, campaign = case
+    signals = dict(campaign.conditions.signals)
+    signals["T_y"] = 40.0 - signals["T_y"]
+    mirrored = replace(campaign, conditions=replace(campaign.conditions, signals=signals))
+    found = diagnose(model, mirrored)
+    assert found.standing is not None
+    said = " ".join(found.standing.suspicions)
+    assert "scale_expansion axis=Y signals=T_y: alpha would be negative" in said
+    assert "T_y may be read with the wrong sign" in said
