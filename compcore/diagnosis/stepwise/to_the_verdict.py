@@ -28,7 +28,7 @@ from abbe.compcore.diagnosis.stepwise.warmth import (
     regress,
     sharpen,
 )
-from abbe.compcore.diagnosis.stepwise.whole_body import whole_body
+from abbe.compcore.diagnosis.stepwise.whole_body import of_a_body, whole_body
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.distributions import chi2_limit
 from abbe.compcore.effects.base import Effect
@@ -125,9 +125,14 @@ def _is_noise(result: FitResult) -> bool:
 def _foretells_better(one: Step, other: Step) -> bool:
     """Whether one end predicts left-out blocks better by what is worth a cause, and surely.
 
-    Surely: the mean gain over the blocks is larger than the standard error of that mean.
+    Surely: the mean gain over the blocks is larger than the standard error of that mean. Not by
+    causes that the other one does not need: they may be what imitates the motions of the axes.
     """
     thin = other.result.thin
+    machine, there = thin.model.machine, set(thin.model.effects)
+    more = [e for e in one.result.model.effects if e not in there and e.kind != "formula"]
+    if not all(of_a_body(e, machine) for e in more):
+        return False
     mine, theirs = (s.held_out.left.residual for s in (one, other))
     if mine.shape != theirs.shape:
         return False

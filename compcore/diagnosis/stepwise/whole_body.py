@@ -44,13 +44,13 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     """
     machine = growing.last.result.model.machine
     wanted = [e.found.candidate.effect for e in diagnosis.established]
-    axes = {a for e in wanted if _of_a_body(e, machine) for a in _axes_of(e)}
+    axes = {a for e in wanted if of_a_body(e, machine) for a in _axes_of(e)}
     if not growing.bodies or len(axes) < _AXES:
         return False
     known = {_motion(e) for e in growing.last.result.model.effects}
     missing: dict[object, Effect] = {}
     for effect in (f.candidate.effect for f in diagnosis.ranked):
-        if _of_a_body(effect, machine) and _motion(effect) not in known:
+        if of_a_body(effect, machine) and _motion(effect) not in known:
             missing.setdefault(_motion(effect), effect)
     body = _sound(growing, list(missing.values()))
     if len(body) < _FEWEST or not growing.once(body):
@@ -125,7 +125,7 @@ def _expands(result: FitResult, effect: Effect) -> bool:
     return low - sd <= value.value <= high + sd
 
 
-def _of_a_body(effect: Effect, machine: Machine) -> bool:
+def of_a_body(effect: Effect, machine: Machine) -> bool:
     """Whether it is an error motion of a linear axis, plain geometry, or its scale's expansion."""
     axis = getattr(effect, "axis", None)
     if isinstance(effect, ScaleExpansion):
