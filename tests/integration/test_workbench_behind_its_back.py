@@ -185,4 +185,5 @@ def test_live_while_the_service_is_started_anew_and_the_clock_is_set_back(
                 expect(page.locator("#age")).to_contain_text("says nothing of the present")
                 bench.process.send_signal(signal.SIGCONT)
                 expect(page.locator("#age")).not_to_contain_text("says nothing of the present")
-        assert [e for e in seen.errors if "ERR_" not in e] == []
+        # 409: no picture is drawn of a model that does not run
+        assert [e for e in seen.errors if "ERR_" not in e and "409" not in e] == []

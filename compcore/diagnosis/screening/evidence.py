@@ -177,6 +177,8 @@ def cost_of(effect: Effect, machine: Machine, setups: int) -> float:
         cost += 8.0  # any shape with too few knots looks a little like a dent somewhere
     if effect.kind == "setup_scale":
         cost += 1.0  # one line that is too short is a beam's or a gauge's angle
+    if effect.kind == "gravity_flexure" and getattr(effect, "by", None):
+        cost += 2.0  # what no other place tells from it sags in its own bearings
     if effect.kind == "reversal_angle":
         cost += 2.0  # one that no lever tells from a backlash is a backlash
     if getattr(effect, "tau", None) == "fit":
