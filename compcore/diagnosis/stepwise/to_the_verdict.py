@@ -122,6 +122,12 @@ def _is_noise(result: FitResult) -> bool:
     return not thin.uncertainty.open and thin.chi2 <= chi2_limit(_CHANCE, max(1, thin.dof))
 
 
+def _nothing_left(result: FitResult) -> bool:
+    """Whether χ² is what noise makes it, to its own standard deviation: nothing to describe."""
+    thin = result.thin
+    return not thin.uncertainty.open and thin.chi2 <= thin.dof + math.sqrt(2.0 * thin.dof)
+
+
 def _foretells_better(one: Step, other: Step) -> bool:
     """Whether one end predicts left-out blocks better by what is worth a cause, and surely.
 
@@ -172,8 +178,7 @@ def _followed(growing: GrowingModel) -> Course:
             or _complete_joints(growing, diagnosis)
             or growing.prune()
             or regress(growing, diagnosis)
-            # of noise there is nothing to describe
-            or (not _is_noise(growing.last.result) and describe(growing, diagnosis))
+            or (not _nothing_left(growing.last.result) and describe(growing, diagnosis))
         ):
             break
         diagnosis = growing.diagnosed()
