@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
+from abbe.compcore.effects import ScaleExpansion
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.model.model import Model
@@ -31,6 +32,32 @@ def apart(model: Model, effect: Effect) -> bool:
         return True
     one, other = (values[name].value for name in ("tau", "tau2"))
     return max(one, other) > _TWO * min(one, other)
+
+
+def by_another_scale(model: Model, effect: Effect) -> bool:
+    """Whether a scale that has its own thermometer is to expand by that of another axis's scale."""
+    if not isinstance(effect, ScaleExpansion):
+        return False
+
+    def own(other: ScaleExpansion) -> bool:
+        return all(model.machine.signals[s].axis == other.axis for s in other.signals)
+
+    beside = [e for e in model.effects if isinstance(e, ScaleExpansion) and e.axis == effect.axis]
+    elsewhere = any(
+        model.machine.signals[s].axis not in (None, effect.axis) for s in effect.signals
+    )
+    return elsewhere and any(own(e) for e in beside if e != effect)
+
+
+def comes(result: FitResult, effect: Effect) -> bool:
+    """Whether what lags behind a signal comes within the time that was measured.
+
+    Behind a longer lag any signal is a ramp, and says nothing of another day.
+    """
+    values = next((t.values for t in result.model.terms if t.effect == effect), {})
+    if "tau" not in values or not effect.signals_needed():
+        return True
+    return values["tau"].value <= result.problem.campaign.coverage().duration
 
 
 def sound(model: Model, effect: Effect) -> bool:

@@ -7,7 +7,13 @@ from dataclasses import replace
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.judging.second_order import beyond_first_order
-from abbe.compcore.diagnosis.judging.soundness import absurd, apart, sound
+from abbe.compcore.diagnosis.judging.soundness import (
+    absurd,
+    apart,
+    by_another_scale,
+    comes,
+    sound,
+)
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.stepwise.step import Step
 from abbe.compcore.diagnosis.stepwise.unseen import UnseenCampaign
@@ -28,6 +34,9 @@ NO_WORSE = 1.0 + 1e-9
 than 1 or a little less, as the processor has it."""
 FALLS = 0.998
 """Part of the left-out χ² below which an addition's or a lag's has fallen."""
+
+BY_ANOTHER_SCALE = 0.8
+"""The same where a scale is to expand by the thermometer of another one: it averages its noise."""
 
 
 class GrowingModel:
@@ -243,6 +252,8 @@ class GrowingModel:
         except FitError:
             return None
         bound = all(e.scope == "instrument" for e in changed)
+        if any(e in model.effects and by_another_scale(model, e) for e in changed):
+            falls = min(falls, BY_ANOTHER_SCALE)
         before, after = LeftOutErrors.beside(self.last.result, result, changed)
         if before.falls_to(after, result, bound=bound) > falls:
             return None
@@ -250,7 +261,7 @@ class GrowingModel:
             return None
         if not all(b.plausible for b in begun(result.problem, result.theta)):
             return None  # a body that began where none can have been is no body
-        if not all(sound(result.model, e) for e in changed):
+        if not all(sound(result.model, e) and comes(result, e) for e in changed):
             return None
         known = {e for e in self.last.result.model.effects if absurd(self.last.result.model, e)}
         if any(absurd(result.model, e) for e in result.model.effects if e not in known):
