@@ -141,6 +141,9 @@ def read_again(fitted: FitResult, beside: Comparison, *, rotations: bool) -> Rea
     of = int(theirs.sum())
     if not of or not mine.any():
         return None
+    at = np.column_stack([np.round(q[mine], 3) for q in one.conditions.positions.values()])
+    if len(np.unique(at, axis=0)) < _FEWEST_PLACES:
+        return None  # of thousands of rows at one place each would be asked for all others
     known, seen = fitted.residual[mine], beside.residual[theirs]
     met = met_again(one.rows(mine), two.rows(theirs), SAME_TARGET, _VISITS)
     rows = np.array([len(m) > 0 for m in met])
