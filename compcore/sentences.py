@@ -52,6 +52,15 @@ def as_it_stands(text: str) -> Sentence:
     return text if isinstance(text, Sentence) else _made(str(text), str(text), {})
 
 
+def counted(count: int, one: str, several: str) -> Sentence:
+    """A number of things: the words for one, or those for several with ``{n}`` in them.
+
+    >>> counted(1, "1 target", "{n} targets"), counted(3, "1 target", "{n} targets")
+    ('1 target', '3 targets')
+    """
+    return said(one) if count == 1 else said(several, n=count)
+
+
 def joined(parts: Iterable[str], between: str = "; ") -> Sentence:
     """Several in a row.
 

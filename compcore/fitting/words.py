@@ -24,7 +24,7 @@ from abbe.compcore.model.course import runs_away
 from abbe.compcore.model.held_spindle import tool_of
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.to_enter import average_line_words
-from abbe.compcore.sentences import joined, listed, said
+from abbe.compcore.sentences import counted, joined, listed, said
 from abbe.compcore.units import display, in_digits, read_in, with_uncertainty
 
 _KINDS = {
@@ -133,11 +133,15 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
     for suspicion in result.suspicions:
         yield said("SUSPICIOUS: {what}", what=suspicion)
     yield said(
-        "{rows} rows of {setups} set-ups; {effects} effects with {parameters} parameters, {rank} "
-        "combinations of them determined; {unknowns} unknowns of the set-ups",
-        rows=problem.n, setups=len(problem.campaign.setups), effects=len(problem.model.terms),
-        parameters=layout.model_size, rank=result.determined,
-        unknowns=result.eliminator.rank,
+        "{rows} of {setups}; {effects} with {parameters}, {rank} of them determined; {unknowns}",
+        rows=counted(problem.n, "1 row", "{n} rows"),
+        setups=counted(len(problem.campaign.setups), "1 set-up", "{n} set-ups"),
+        effects=counted(len(problem.model.terms), "1 effect", "{n} effects"),
+        parameters=counted(layout.model_size, "1 parameter", "{n} parameters"),
+        rank=counted(result.determined, "1 combination", "{n} combinations"),
+        unknowns=counted(
+            result.eliminator.rank, "1 unknown of the set-ups", "{n} unknowns of the set-ups"
+        ),
     )  # fmt: skip
     for kinds, name, factor, unit in (
         (LENGTHS, said("lengths"), 1e3, "µm"),
@@ -181,9 +185,9 @@ def fit_words(result: Solution, noise: NoiseFloor) -> Iterator[str]:
             break
     if result.outliers and result.misfit and not result.set_aside:
         yield said(
-            "{n} rows stand out, but χ² says that the model lacks something rather than that rows "
-            "are wrong: see `abbe diagnose`",
-            n=len(result.outliers),
+            "{rows} out, but χ² says that the model lacks something rather than that rows are "
+            "wrong: see `abbe diagnose`",
+            rows=counted(len(result.outliers), "1 row stands", "{n} rows stand"),
         )
         return
     reported = said("set aside") if result.set_aside else said("used; --robust would set it aside")

@@ -66,16 +66,18 @@ def calibrate(
     """
     from abbe.compcore.artefacts.permissible import PermissibleError
     from abbe.compcore.errors import AbbeError, InputError
+    from abbe.compcore.sentences import said
     from abbe.daemon.arguments.measurements.tolerances import tolerances_of
     from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
     from abbe.daemon.commands.calibration.guide import calibrate as lead
     from abbe.daemon.commands.calibration.guide import left_out_of, outcome_of
     from abbe.daemon.config import load_config
     from abbe.daemon.measure.person import somebody_there
+    from abbe.daemon.printed_in import printed_in
+    from abbe.daemon.report.language import ENGLISH
     from abbe.daemon.report.language import language as known_language
 
-    if language is not None:
-        known_language(language)
+    spoken = known_language(language or ENGLISH)
     if not yes and not somebody_there():
         raise AbbeError("nobody can be asked (no terminal): say --yes")
     configuration = load_config(config)
@@ -98,17 +100,22 @@ def calibrate(
         )
 
     def ask(question: str, *, default: bool = True) -> bool:
-        return default if yes else typer.confirm(question, default=default)
+        return default if yes else typer.confirm(spoken.say(question), default=default)
 
-    if lead(request, typer.echo, ask, upto):
+    with printed_in(spoken):
+        if not lead(request, typer.echo, ask, upto):
+            return
         outcome = outcome_of(request)
-        typer.echo(f"calibrated: {folder}; {outcome}")
+        typer.echo(said("calibrated: {folder}; {outcome}", folder=folder, outcome=outcome))
         if left_out := left_out_of(request):
-            typer.echo(left_out)
+            typer.echo(spoken.say(left_out))
             if yes:
-                typer.echo("nobody was asked: the same command without --yes asks for it")
+                typer.echo(said("nobody was asked: the same command without --yes asks for it"))
         if not request.checked_by:
             typer.echo(
-                f"not verified: a {request.instruments} shows no lines to judge; `abbe verify` "
-                "does by a gauge ([probing] gauge) or a laser"
+                said(
+                    "not verified: {instruments} shows no lines to judge; `abbe verify` does by a "
+                    "gauge ([probing] gauge) or a laser",
+                    instruments=request.instruments,
+                )
             )

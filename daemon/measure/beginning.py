@@ -9,6 +9,7 @@ from math import radians
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.sentences import counted
 from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
 from abbe.compcore.files.text.toml_source import TomlSource
@@ -110,7 +111,9 @@ def begun(
             file.cut(torn)
         stated = active is not None or limits.active is not None
         task = MeasureTask(
-            configuration, file, _started(file), instruments, work.expected, stated, work.space,
+            configuration, file, _started(file), instruments,
+            # a check makes no model surer
+            {} if work.in_one_go else work.expected, stated, work.space,
             None if artefact is None else artefact.touched,
             {} if artefact is None else artefact.turns, once,
         )  # fmt: skip
@@ -197,10 +200,14 @@ def _say_beginning(
     follows: bool,
 ) -> None:
     about = {"done": course.done, "of": course.total, "left_s": round(course.seconds_left, 1)}
-    count = f"{len(course.setups)} set-up{'s' * (len(course.setups) != 1)}, {course.total} targets"
+    count = counted(len(course.setups), "1 set-up", "{n} set-ups")
+    count += ", " + counted(course.total, "1 target", "{n} targets")
     left = minutes(course.seconds_left)
     if goes_on:
-        words = f"goes on: {course.done} of {course.total} targets are done, about {left} left"
+        words = (
+            f"goes on: {course.done} of {counted(course.total, '1 target', '{n} targets')} "
+            f"{'is' if course.done == 1 else 'are'} done, about {left} left"
+        )
         tell(MeasureEvent("resumed", words, about))
     else:
         warm = f"; warm up as in use for {minutes(work.warm_up)} first" if work.warm_up else ""

@@ -6,6 +6,7 @@ import asyncio
 import signal
 
 from abbe.compcore.errors import AbbeError
+from abbe.compcore.sentences import counted
 from abbe.daemon.measure.events import MeasureEvent, Tell, target_words
 from abbe.daemon.measure.following.session import Measurement
 from abbe.daemon.measure.probing.session import ProbedMeasurement
@@ -38,12 +39,19 @@ def missing_words(measurement: Measurement | ProbedMeasurement, tell: Tell, *, o
     course = measurement.course
     about = {"done": course.done, "of": course.total, "left_s": round(course.seconds_left, 1)}
     if measurement.waiting:
+        what, they = ("1 target was", "it has") if measurement.waiting == 1 else (
+            f"{measurement.waiting} targets were", "they have",
+        )  # fmt: skip
         raise AbbeError(
-            f"{measurement.waiting} targets were read and could not be written "
-            f"({measurement.problem}): they have to be measured again; the same command goes on"
+            f"{what} read and could not be written ({measurement.problem}): {they} to be measured "
+            "again; the same command goes on"
         )
     if course.complete:
-        tell(MeasureEvent("ended", f"all {course.total} targets are measured", about))
+        tell(MeasureEvent("ended", (
+            "the only target is measured"
+            if course.total == 1
+            else f"all {course.total} targets are measured"
+        ), about))
         return
     lines = []
     for (setup, left), visits in zip(
@@ -56,7 +64,11 @@ def missing_words(measurement: Measurement | ProbedMeasurement, tell: Tell, *, o
         tell(MeasureEvent("missed", line, about))
     count = course.total - course.done
     because = f"{measurement.reason}; " if measurement.reason else ""
-    words = f"{because}{count} of {course.total} targets are not measured; the same command goes on"
+    of = counted(course.total, "1 target", "{n} targets")
+    words = (
+        f"{because}{count} of {of} {'is' if count == 1 else 'are'} not measured; the same command "
+        "goes on"
+    )
     if once and not measurement.reason:
         tell(MeasureEvent("ended", words, about))
         return

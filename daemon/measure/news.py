@@ -108,7 +108,10 @@ class MeasureNews:
         """Tell that a set-up is complete."""
         then = self._expected.get(setup.name)
         sure = (
-            f"; the plan expects ±{in_digits(then[1] * 1e3)} µm over the volume now" if then else ""
+            f"; as planned ±{in_digits(then[1] * 1e3)} µm over the volume, were all that is not "
+            "shown yet as large as is believable"
+            if then
+            else ""
         )
         left = minutes(self._course.seconds_left)
         words = "nothing is left" if self._course.complete else f"about {left} left"

@@ -36,6 +36,9 @@ class PageLanguage:
         """A text in this language, also what stands within it."""
         if self.code == ENGLISH or not re.search(r"[^\W\d_]", text):
             return text
+        if text.endswith(" "):  # a cell of a column stays as wide
+            bare = text.rewritten(str.rstrip) if isinstance(text, Sentence) else text.rstrip()
+            return self.say(bare).ljust(len(text))
         if isinstance(text, Sentence):
             own = self._sentences.get(text.template)
             if own is None and not re.search(r"\w", _fixed(text.template)):

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from abbe.compcore.artefacts.decision_rule import Conformity
-from abbe.compcore.sentences import as_it_stands, joined, said
+from abbe.compcore.sentences import as_it_stands, counted, joined, said
 from abbe.compcore.units import in_digits, with_uncertainty
 from abbe.compcore.verification.budget import CAUSES, FIGURES
 from abbe.compcore.verification.foretold import ForetoldLine
@@ -233,8 +233,19 @@ def _lengths(answer: VerificationAnswer, found: LengthsVerified | None) -> dict[
     return {"outcome": found.outcome.value, **own}
 
 
-def as_text(answer: VerificationAnswer) -> Iterator[str]:
-    """Lines for people."""
+def as_text(
+    answer: VerificationAnswer, say: Callable[[str], str] = as_it_stands
+) -> Iterator[str]:
+    """Lines for people, in a language: `say` gives a text in it."""
+    for part in _parts(answer):
+        if isinstance(part, str):
+            yield say(part)
+        else:
+            yield from in_columns([tuple(say(cell) for cell in row) for row in part])
+
+
+def _parts(answer: VerificationAnswer) -> Iterator[str | list[tuple[str, ...]]]:
+    """Lines, and rows of tables."""
     found = answer.verification
     machine = answer.model.machine
     yield said(
@@ -247,7 +258,8 @@ def as_text(answer: VerificationAnswer) -> Iterator[str]:
     for warning in answer.warnings():
         yield said("  WARNING: {what}", what=warning)
     if found.lines:
-        yield from _table(found)
+        if len(rows := _table(found)) > 1:  # lengths of gauges have none of these figures
+            yield rows
     if found.placed:
         yield said(
             "  what other set-ups show but for how they stand (largest range in one direction):"
@@ -257,7 +269,7 @@ def as_text(answer: VerificationAnswer) -> Iterator[str]:
             said("set-up"), "", said("readings"), said("before"), said("after"), "", "",
             said("tolerance") if stated else "", "",
         )  # fmt: skip
-        yield from in_columns([heads, *placed_rows(found)])
+        yield [heads, *placed_rows(found)]
     for judged in found.figures:
         if judged.after.reason:
             where = f"{judged.name} {judged.test.setup}, {judged.tolerance.figure}"
@@ -271,7 +283,10 @@ def as_text(answer: VerificationAnswer) -> Iterator[str]:
         if found.lengths_before is not None:
             yield said("  before: {outcome}", outcome=WORDS[found.lengths_before.outcome])
         worst = iso10360.where(result.worst)
-        yield said("  {n} values; worst {where}", n=len(result.judged), where=worst)
+        yield said(
+            "  {values}; worst {where}",
+            values=counted(len(result.judged), "1 value", "{n} values"), where=worst,
+        )  # fmt: skip
         for note in result.notes:
             yield f"  {note}"
     left = found.comparison.summary()
@@ -283,7 +298,8 @@ def as_text(answer: VerificationAnswer) -> Iterator[str]:
     )  # fmt: skip
 
 
-def _table(found: Verification) -> Iterator[str]:
+def _table(found: Verification) -> list[tuple[str, ...]]:
+    """Heads, then a row for each figure of each line."""
     heads: tuple[str, ...] = (
         said("line"), "", said("before"), said("foretold"), said("after"), "", said("tolerance"), ""
     )  # fmt: skip
@@ -307,8 +323,7 @@ def _table(found: Verification) -> Iterator[str]:
                     *_tolerance_words(limit),
                 )
             )
-    if len(rows) > 1:  # lengths of gauges have none of these figures
-        yield from in_columns(rows)
+    return rows
 
 
 def in_columns(rows: Sequence[tuple[str, ...]]) -> Iterator[str]:

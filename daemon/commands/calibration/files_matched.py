@@ -12,7 +12,7 @@ from abbe.compcore.files.plan_file import read_plan
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.files.visited_targets import VisitedTargets
 from abbe.compcore.planning.motion import steps_of
-from abbe.compcore.sentences import said
+from abbe.compcore.sentences import counted, said
 from abbe.daemon.answers.measurements.foreign_file import ForeignOptions, read_foreign
 from abbe.daemon.arguments.measurements.foreign_layout import ForeignLayout
 from abbe.daemon.arguments.measurements.foreign_placing import foreign_placing
@@ -78,8 +78,9 @@ def match_readings(
         say(note)
     say(
         said(
-            "{count} readings of {files} files matched with their targets: {out}",
-            count=count, files=len(matched), out=out,
+            "{count} of {files} matched with their targets: {out}",
+            count=counted(count, "1 reading", "{n} readings"),
+            files=counted(len(matched), "1 file", "{n} files"), out=out,
         )
     )  # fmt: skip
 

@@ -31,6 +31,7 @@ from abbe.daemon.calibration.step import (
     TABLES,
 )
 from abbe.daemon.commands.measurements.verify import judge
+from abbe.daemon.report.language import ENGLISH, language
 
 _WAYS_ON = said(
     "Measure more (--time) or otherwise, or say no to what was added last: the certificate shows "
@@ -92,7 +93,9 @@ def judge_check(
         notes=(left_out,) if left_out else (), doubt=doubt,
         language=request.language or stated.get("language", "en"),
     )  # fmt: skip
-    for line in answer.as_text(done):
+    # the page of a step's lines says them in its own language
+    spoken = ENGLISH if request.as_json else request.language or ENGLISH
+    for line in answer.as_text(done, language(spoken).say):
         say(line)
     say(said("written: {files}", files=page))
     verdict = check_verdict(done.verification)

@@ -124,6 +124,7 @@ def import_campaign(
     )
     from abbe.compcore.files.campaign_file import write_campaign
     from abbe.compcore.files.model_file import load_model
+    from abbe.compcore.sentences import counted
     from abbe.daemon.answers.measurements.foreign_file import ForeignOptions, read_foreign
     from abbe.daemon.arguments.measurements.foreign_placing import foreign_placing
     from abbe.daemon.outputs import CAMPAIGN, check_outputs
@@ -155,7 +156,8 @@ def import_campaign(
 
         followed = VisitedTargets.read(visits, setup)
         count = write_matched(campaign, followed, output, str(campaign.metadata[0]["notes"]))
-        say(f"{count} readings of {file} matched with set-up {followed.setup} → {output}")
+        words = counted(count, "1 reading", "{n} readings")
+        say(f"{words} of {file} matched with set-up {followed.setup} → {output}")
         return
     write_campaign(campaign, output)
     suspected = of_values(campaign, without_zeros(campaign))
@@ -163,7 +165,8 @@ def import_campaign(
         say(f"SUSPICIOUS: {suspicion}")
     for note in str(campaign.metadata[0]["notes"]).split("; "):
         say(note)
-    say(f"{campaign.n} rows in {_setups(campaign)} → {output}")
+    words = counted(campaign.n, "1 row", "{n} rows")
+    say(f"{words} in {_setups(campaign)} → {output}")
 
 
 def _setups(campaign: Campaign) -> str:

@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from abbe.compcore.sentences import said
+from abbe.compcore.sentences import counted, said
 from abbe.daemon.arguments.measurements.plan_reading import Feed, OnlySetups, PlanFile, Stands
 from abbe.daemon.arguments.options import Force
 
@@ -84,8 +84,9 @@ def program(
     count = sum(step.kind == "target" for step in steps)
     say(
         said(
-            "{control}: {setups} set-ups, {count} targets, {feed} mm/min",
-            control=dialect.title, setups=len(wanted), count=count, feed=f"{feed:g}",
+            "{control}: {setups}, {count}, {feed} mm/min",
+            control=dialect.title, setups=counted(len(wanted), "1 set-up", "{n} set-ups"),
+            count=counted(count, "1 target", "{n} targets"), feed=f"{feed:g}",
         )
     )  # fmt: skip
     say(said("before it runs: warm up, tool in, way back free; try it above the machine first"))

@@ -121,9 +121,10 @@ def verify(
         named_model,
     )
     from abbe.daemon.outputs import PLAN, REPORT, check_outputs
+    from abbe.daemon.printed_in import printed_in
     from abbe.daemon.report.language import language as known_language
 
-    known_language(language)
+    spoken = known_language(language)
     files = VerifiedFiles(
         tuple(campaigns or []), tuple(before or []), active, check, tables, tuple(fitted or [])
     )
@@ -157,7 +158,8 @@ def verify(
             plate=None if plate is None else read_plate(plate), along_axes=along_axes,
         )  # fmt: skip
         made = _planned(task, known, instruments, seconds_of(time), runs)
-        _tell_plan(made, named, known, out, report, say, as_json=as_json)
+        with printed_in(spoken):
+            _tell_plan(made, named, known, out, report, say, as_json=as_json)
         return
 
     means = StatedMeans(instrument, scale_sd, temperature_sd, expansion, expansion_sd, misalignment)
@@ -166,10 +168,10 @@ def verify(
     if as_json:
         say(json.dumps(answer.as_json(done), ensure_ascii=False))
     else:
-        for line in answer.as_text(done):
+        for line in answer.as_text(done, spoken.say):
             say(line)
         if report is not None:
-            say(said("written: {files}", files=report))
+            say(spoken.say(said("written: {files}", files=report)))
     raise typer.Exit(answer.STATUS[done.verification.outcome])
 
 

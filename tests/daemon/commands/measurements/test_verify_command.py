@@ -19,6 +19,7 @@ from abbe.compcore.planning.plan import campaign_of
 from abbe.compcore.planning.targets import SurveyTask
 from abbe.daemon.answers.measurements.verified_files import named_model
 from tests.support.daemon.command_line import abbe
+from tests.support.daemon.german import english_of
 from tests.support.daemon.verified_line import BY_HAND, DOWN, SCALE, UP, fitted, line, written
 
 ROOT = Path(__file__).parents[4]
@@ -446,3 +447,20 @@ def test_runs_that_repeat_to_the_last_digit_are_shown_as_people_write_them(shop,
     assert "<td>2.1</td>" in found
     assert "± 0<" not in found
     assert "·10⁻¹" not in found
+
+
+def test_what_is_printed_is_in_the_language_of_the_page(shop, tmp_path):
+    """Every line of a judgement and of a check plan; figures as in English."""
+    judged = [shop / "after.csv", "--before", shop / "before.csv", "--tolerance", "A=8um"]
+    english = abbe("verify", shop / "m.toml", *judged)
+    german = abbe("verify", shop / "m.toml", *judged, "--language", "de")
+    assert german.status == english.status
+    assert english_of(english.out)
+    assert english_of(german.out) == []
+    numbers = r"-?\d+\.\d+"
+    assert re.findall(numbers, german.out) == re.findall(numbers, english.out)
+    made = abbe(
+        "verify", shop / "m.toml", "--time", "2h", "-o", tmp_path / "c.toml", "--language", "de"
+    )
+    assert made.status == 0
+    assert english_of(made.out) == []

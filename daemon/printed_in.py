@@ -1,0 +1,89 @@
+"""What a command prints on standard output, in a language: every line that is a sentence."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from io import TextIOBase
+from typing import TYPE_CHECKING, TextIO, cast
+
+from abbe.compcore.sentences import Sentence, remembered
+
+if TYPE_CHECKING:
+    from abbe.daemon.report.language import PageLanguage
+
+
+class LinesInLanguage(TextIOBase):
+    """Standard output on which each line that is a sentence is said in a language.
+
+    Parameters
+    ----------
+    out
+        Where the lines go.
+    made
+        The sentences that were made, by their text.
+    language
+        The language.
+    """
+
+    def __init__(self, out: TextIO, made: Mapping[str, Sentence], language: PageLanguage) -> None:
+        self._out, self._made, self._language = out, made, language
+        self._begun = ""
+
+    @property
+    def errors(self) -> str | None:
+        """Of where the lines go."""
+        return self._out.errors
+
+    @property
+    def encoding(self) -> str:
+        """Of where the lines go."""
+        return self._out.encoding
+
+    def write(self, text: str) -> int:
+        """Take text; a line goes on when it is whole, or with the next `flush`."""
+        *lines, self._begun = (self._begun + text).split("\n")
+        for line in lines:
+            self._out.write(self._said(line) + "\n")
+        return len(text)
+
+    def _said(self, line: str) -> str:
+        bare = line.strip()
+        sentence = self._made.get(line)
+        if sentence is not None:
+            return self._language.say(sentence)
+        sentence = self._made.get(bare)
+        return line if sentence is None else line.replace(bare, self._language.say(sentence))
+
+    def isatty(self) -> bool:
+        """Of where the lines go."""
+        return self._out.isatty()
+
+    def fileno(self) -> int:
+        """Of where the lines go."""
+        return self._out.fileno()
+
+    def flush(self) -> None:
+        """Have what was written go on, also a question that waits for its answer."""
+        self._out.write(self._begun)
+        self._begun = ""
+        self._out.flush()
+
+
+@contextmanager
+def printed_in(language: PageLanguage | None) -> Iterator[None]:
+    """While it lasts lines are printed in a language; None, and English: as they are."""
+    from abbe.daemon.report.language import ENGLISH
+
+    if language is None or language.code == ENGLISH:
+        yield
+        return
+    before = sys.stdout
+    with remembered() as made:
+        sys.stdout = cast("TextIO", LinesInLanguage(before, made, language))
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+            sys.stdout = before
