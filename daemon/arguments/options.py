@@ -14,7 +14,10 @@ AsJson = Annotated[bool, typer.Option("--json", help="One JSON object.")]
 Report = Annotated[
     Path | None, typer.Option("--report", help="A page with pictures.", metavar="FILE.html")
 ]
-PageIn = Annotated[str, typer.Option("--language", help="Of what is printed, and of the page: en, de.", metavar="CODE")]
+PageIn = Annotated[
+    str,
+    typer.Option("--language", help="Of what is printed, and of the page: en, de.", metavar="CODE"),
+]
 VersionsReport = Annotated[
     Path | None,
     typer.Option(

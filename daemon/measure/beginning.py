@@ -9,12 +9,12 @@ from math import radians
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.sentences import counted
 from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.compcore.files.plan_file import PlannedWork, read_plan
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.files.visited_targets import IN_A_FILE, READINGS
 from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.sentences import counted
 from abbe.daemon.config import Configuration, load_config
 from abbe.daemon.config.channels import split
 from abbe.daemon.measure.compensation import live_correction, require_stated, stated_compensation

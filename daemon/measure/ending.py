@@ -47,11 +47,17 @@ def missing_words(measurement: Measurement | ProbedMeasurement, tell: Tell, *, o
             "again; the same command goes on"
         )
     if course.complete:
-        tell(MeasureEvent("ended", (
-            "the only target is measured"
-            if course.total == 1
-            else f"all {course.total} targets are measured"
-        ), about))
+        tell(
+            MeasureEvent(
+                "ended",
+                (
+                    "the only target is measured"
+                    if course.total == 1
+                    else f"all {course.total} targets are measured"
+                ),
+                about,
+            )
+        )
         return
     lines = []
     for (setup, left), visits in zip(

@@ -233,9 +233,7 @@ def _lengths(answer: VerificationAnswer, found: LengthsVerified | None) -> dict[
     return {"outcome": found.outcome.value, **own}
 
 
-def as_text(
-    answer: VerificationAnswer, say: Callable[[str], str] = as_it_stands
-) -> Iterator[str]:
+def as_text(answer: VerificationAnswer, say: Callable[[str], str] = as_it_stands) -> Iterator[str]:
     """Lines for people, in a language: `say` gives a text in it."""
     for part in _parts(answer):
         if isinstance(part, str):
@@ -257,9 +255,9 @@ def _parts(answer: VerificationAnswer) -> Iterator[str | list[tuple[str, ...]]]:
                before=answer.before_words)  # fmt: skip
     for warning in answer.warnings():
         yield said("  WARNING: {what}", what=warning)
-    if found.lines:
-        if len(rows := _table(found)) > 1:  # lengths of gauges have none of these figures
-            yield rows
+    # lengths of gauges have none of these figures
+    if found.lines and len(rows := _table(found)) > 1:
+        yield rows
     if found.placed:
         yield said(
             "  what other set-ups show but for how they stand (largest range in one direction):"
