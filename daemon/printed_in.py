@@ -5,8 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from io import TextIOBase
-from typing import TYPE_CHECKING, TextIO, cast
+from typing import TYPE_CHECKING, Any, TextIO, cast
 
 from abbe.compcore.sentences import Sentence, remembered
 
@@ -14,7 +13,7 @@ if TYPE_CHECKING:
     from abbe.daemon.report.language import PageLanguage
 
 
-class LinesInLanguage(TextIOBase):
+class LinesInLanguage:
     """Standard output on which each line that is a sentence is said in a language.
 
     Parameters
@@ -31,16 +30,6 @@ class LinesInLanguage(TextIOBase):
         self._out, self._made, self._language = out, made, language
         self._begun = ""
 
-    @property
-    def errors(self) -> str | None:
-        """Of where the lines go."""
-        return self._out.errors
-
-    @property
-    def encoding(self) -> str:
-        """Of where the lines go."""
-        return self._out.encoding
-
     def write(self, text: str) -> int:
         """Take text; a line goes on when it is whole, or with the next `flush`."""
         *lines, self._begun = (self._begun + text).split("\n")
@@ -56,19 +45,15 @@ class LinesInLanguage(TextIOBase):
         sentence = self._made.get(bare)
         return line if sentence is None else line.replace(bare, self._language.say(sentence))
 
-    def isatty(self) -> bool:
-        """Of where the lines go."""
-        return self._out.isatty()
-
-    def fileno(self) -> int:
-        """Of where the lines go."""
-        return self._out.fileno()
-
     def flush(self) -> None:
         """Have what was written go on, also a question that waits for its answer."""
         self._out.write(self._begun)
         self._begun = ""
         self._out.flush()
+
+    def __getattr__(self, name: str) -> Any:
+        """What else a stream has: that of where the lines go."""
+        return getattr(self._out, name)
 
 
 @contextmanager

@@ -200,8 +200,8 @@ def _say_beginning(
     follows: bool,
 ) -> None:
     about = {"done": course.done, "of": course.total, "left_s": round(course.seconds_left, 1)}
-    count = counted(len(course.setups), "1 set-up", "{n} set-ups")
-    count += ", " + counted(course.total, "1 target", "{n} targets")
+    count = f"{counted(len(course.setups), '1 set-up', '{n} set-ups')}, "
+    count += counted(course.total, "1 target", "{n} targets")
     left = minutes(course.seconds_left)
     if goes_on:
         words = (
