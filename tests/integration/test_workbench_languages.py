@@ -61,8 +61,11 @@ def said_somewhere() -> set[str]:
     for folder in ("compcore", "daemon"):
         for path in (STATIC.parents[2] / folder).rglob("*.py"):
             for node in ast.walk(ast.parse(path.read_text("utf-8"))):
-                if isinstance(node, ast.Call) and getattr(node.func, "id", "") == "said":
-                    template = node.args[0]
+                if not isinstance(node, ast.Call):
+                    continue
+                # of a number of things the words for one, and those for several
+                words = {"said": node.args[:1], "counted": node.args[1:3]}
+                for template in words.get(getattr(node.func, "id", ""), []):
                     if isinstance(template, ast.Constant):
                         found.add(str(template.value))
     # of values alone there is nothing to translate
