@@ -37,16 +37,24 @@ _NAMED = 6
 
 def explanation(established: Established, diagnosis: Findings) -> Sentence:
     """A paragraph: what it is, the evidence, the parameters, cause and cure, the expected error."""
+    return joined(explained(established, diagnosis), " ")
+
+
+def explained(established: Established, diagnosis: Findings) -> list[Sentence]:
+    """The parts of an explanation, each of one purpose."""
     effect = established.found.candidate.effect
     campaign = diagnosis.result.problem.campaign
-    parts: list[str] = [said("{what}.", what=headline(effect))]
-    parts.append(_evidence(established, diagnosis, campaign))
-    parts += _fitted(established.estimates)
-    parts += hidden_waves(
-        effect, established.found.screened.nonlinear, diagnosis.result.model.machine,
-        campaign.conditions,
-    )  # fmt: skip
-    parts += _as_built(established, diagnosis)
+    what = said("{what}.", what=headline(effect))
+    values = [
+        *_fitted(established.estimates),
+        *hidden_waves(
+            effect, established.found.screened.nonlinear, diagnosis.result.model.machine,
+            campaign.conditions,
+        ),
+        *_as_built(established, diagnosis),
+    ]  # fmt: skip
+    parts = [joined([what, _evidence(established, diagnosis, campaign)], " ")]
+    parts += [joined(values, " ")] if values else []
     parts += doubts_of(established.estimates)
     if established.aliases:
         names = "; ".join(_alternatives(established))
@@ -57,8 +65,7 @@ def explanation(established: Established, diagnosis: Findings) -> Sentence:
         parts.append(said("Cure: {cure}", cure=_of_page(_sentence(cure))))
     if effect.scope == "instrument":
         parts.append(said("It belongs to the instrument and never goes into the compensation."))
-    parts.append(gain_of(established, diagnosis))
-    return joined(parts, " ")
+    return [*parts, gain_of(established, diagnosis)]
 
 
 def gain_of(established: Established, diagnosis: Findings) -> Sentence:

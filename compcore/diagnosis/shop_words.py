@@ -88,6 +88,10 @@ _TURNED: Mapping[str, str] = {
 """Likewise where what is seen of it is an angle: it has no place at the tool, and no direction."""
 _TURNED_BETWEEN = "{axis} leans about {about} when {signals} differ: {size}"
 _UNDER = "{axis} gives way under what {by} carries: {size}"
+_JOINTED: Mapping[str, str] = {
+    "spindle_location": "The tool sits elsewhere at the last joint than entered: {size}",
+}
+"""Likewise on an arm, which has no head and no pivot length."""
 _ASKEW = "The line of {axis} leans, or its zero is off: {size}"
 
 _TWO_SIDES = ("backlash", "reversal_angle", "lateral_reversal")
@@ -100,6 +104,7 @@ def in_the_shop(
     unit: str,
     values: Sequence[tuple[float, str]] = (),
     upright: str = "Z",
+    jointed: bool = False,
 ) -> Sentence:
     """What a cause does, in a sentence without the words of the catalogue.
 
@@ -115,12 +120,16 @@ def in_the_shop(
         Its parameters with their units, inside the code.
     upright
         The direction that stands upright (`Structure.upright`).
+    jointed
+        Whether the machine is an arm (`Structure.jointed`).
     """
     from abbe.compcore.diagnosis.explain import headline
 
     template = SHOP_WORDS.get(effect.kind)
     if template is None:
         return said("{what}", what=headline(effect))
+    if jointed:
+        template = _JOINTED.get(effect.kind, template)
     if effect.kind in _TWO_SIDES:
         largest *= 2.0
         if len(values) == 1:
@@ -156,5 +165,6 @@ def kinds_said() -> frozenset[str]:
 
 def templates() -> frozenset[str]:
     """Everything that `in_the_shop` may say."""
-    others = (_TILT_BETWEEN, *_TURNED.values(), _TURNED_BETWEEN, _UNDER, _ASKEW, "{what}")
+    others = (_TILT_BETWEEN, *_TURNED.values(), _TURNED_BETWEEN, _UNDER, _ASKEW,
+              *_JOINTED.values(), "{what}")  # fmt: skip
     return frozenset([*SHOP_WORDS.values(), *others])

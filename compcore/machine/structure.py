@@ -153,6 +153,16 @@ class Structure:
         tables = [a[0] for a in self.workpiece_side if is_rotary(a)]
         return "Y" if tables == ["B"] else "Z"
 
+    @property
+    def jointed(self) -> bool:
+        """Whether it is an arm: joints that turn about lines of one direction, one behind another.
+
+        >>> [Structure.parse(code).jointed for code in ("w b C C2 Z t", "w C' b Y X Z A t")]
+        [True, False]
+        """
+        joints = [a[0] for a in self.tool_side if is_rotary(a)]
+        return len(set(joints)) < len(joints)
+
     def require_carrying(self) -> None:
         """Refuse a machine that has none of X, Y, Z: an arm or a mount of rotary axes.
 

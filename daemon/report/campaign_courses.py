@@ -87,11 +87,7 @@ def course_figure(course: CampaignCourse, beside: Sequence[CampaignCourse]) -> F
     """One campaign's picture; `beside` are all campaigns, whose greatest value sets the scale."""
     at = np.array([float(v.version) for v in course.values])
     traces = []
-    for held_out, name, colour, ink in (
-        (False, "fitted", FITTED, "#ffffff"),
-        # on a dark page its bar stays light: no colour that is exchanged there
-        (True, "held out", HELD_OUT, "#1b1f25"),
-    ):
+    for held_out, name, colour in ((False, "fitted", FITTED), (True, "held out", HELD_OUT)):
         chosen = [v for v in course.values if v.held_out == held_out]
         if chosen:
             traces.append(
@@ -102,11 +98,6 @@ def course_figure(course: CampaignCourse, beside: Sequence[CampaignCourse]) -> F
                     "name": name,
                     "width": 0.55,
                     "marker": {"color": colour},
-                    "text": [f"{in_digits(v.rms)}" for v in chosen],
-                    "textposition": "inside",
-                    "insidetextanchor": "start",
-                    "textangle": 0,
-                    "textfont": {"color": ink},
                     "hovertext": [f"{v.version}: {v.change}" for v in chosen],
                     "hovertemplate": "%{hovertext}<br>%{in_digits(y, 4)} µm",
                 }
@@ -117,6 +108,19 @@ def course_figure(course: CampaignCourse, beside: Sequence[CampaignCourse]) -> F
         y = np.stack([floors, floors, np.full(len(floors), np.nan)], axis=1).ravel()
         style = {"color": "#1b1f24", "dash": "dash", "width": 2}
         traces.append(line(x, y, "its noise floor", line=style))
+    # in a low bar there is no room for it, and across its top goes the floor
+    traces.append(
+        {
+            "type": "scatter",
+            "mode": "text",
+            "x": at,
+            "y": [max(v.rms, v.floor or 0.0) for v in course.values],
+            "text": [in_digits(v.rms) for v in course.values],
+            "textposition": "top center",
+            "textfont": {"color": "#1b1f24"},
+            "hoverinfo": "skip",
+        }
+    )
     tallest = max(max(v.rms, v.floor or 0.0) for c in beside for v in c.values)
     first, last = (f(v.version for c in beside for v in c.values) for f in (min, max))
     return figure(
@@ -126,8 +130,9 @@ def course_figure(course: CampaignCourse, beside: Sequence[CampaignCourse]) -> F
         title=course.name,
         height=300,
         barmode="overlay",
-        showlegend=True,
-        margin={"l": 56, "r": 8, "t": 62, "b": 44},
+        # the page says what the colours are; beside a name there is no room on a telephone
+        showlegend=False,
+        margin={"l": 56, "r": 8, "t": 36, "b": 44},
         xaxis={"tickvals": list(range(first, last + 1)), "range": [first - 0.6, last + 0.6],
                "showgrid": False},
         yaxis={"range": [0.0, _HEADROOM * tallest]},

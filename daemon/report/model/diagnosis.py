@@ -99,8 +99,11 @@ def verdict_title(diagnosis: Diagnosis) -> Sentence:
         if change:
             unit, factor = ("µrad", 1e6) if change[0].of_rotations else ("µm", 1e3)
             by = [(p.by, p.unit) for p in change[0].parameters]
-            upright = diagnosis.whole.problem.model.machine.structure.upright
-            what = in_the_shop(change[0].effect, change[0].largest * factor, unit, by, upright)
+            structure = diagnosis.whole.problem.model.machine.structure
+            what = in_the_shop(
+                change[0].effect, change[0].largest * factor, unit, by,
+                structure.upright, structure.jointed,
+            )  # fmt: skip
             return said("It has changed: {what}", what=what.within())
     if diagnosis.established:
         return said_in_the_shop(diagnosis, diagnosis.established[0])
@@ -121,8 +124,10 @@ def said_in_the_shop(diagnosis: Diagnosis, established: Established) -> Sentence
     unit, _, factor = diagnosis.unit
     largest = largest_of(diagnosis, established, rotations=diagnosis.of_rotations) * factor
     values = [(e.value, e.unit) for e in established.estimates if e.measured]
-    upright = diagnosis.result.problem.model.machine.structure.upright
-    return in_the_shop(established.effect, largest, unit, values, upright)
+    structure = diagnosis.result.problem.model.machine.structure
+    return in_the_shop(
+        established.effect, largest, unit, values, structure.upright, structure.jointed
+    )
 
 
 def _how_wrong(out: Page, diagnosis: Diagnosis, noise: NoiseFloor) -> None:

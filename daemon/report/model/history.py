@@ -68,13 +68,23 @@ def error_title(versions: Sequence[Mapping[str, Any]]) -> str:
     for key, what in (("holdout_rms", said("The held-out error")), ("rms", said("The error"))):
         known = [v for v in (number_of(r, key) for r in versions) if v is not None]
         if len(known) > 1:
-            ends = {"first": number(known[0], 3), "last": number(known[-1], 3)}
-            if known[-1] < known[0]:
-                return said("{what} fell from {first} to {last} µm", what=what, **ends)
-            return said("{what} went from {first} to {last} µm", what=what, **ends)
+            return _course(what, known)
         if known:
             return said("{what} is {last} µm", what=what, last=number(known[-1], 3))
     return said("The versions of the model")
+
+
+def _course(what: str, known: Sequence[float]) -> str:
+    """Whether an error fell, and by the last step as well; by what is printed of it."""
+    first, before, last = (number(v, 3) for v in (known[0], known[-2], known[-1]))
+    ends = {"what": what, "first": first, "last": last}
+    if last == first:
+        return said("{what} stays at {last} µm", what=what, last=last)
+    if known[-1] > known[0]:
+        return said("{what} rose from {first} to {last} µm", **ends)
+    if last == before or known[-1] > known[-2]:
+        return said("{what} fell from {first} to {last} µm; not by the last step", **ends)
+    return said("{what} fell from {first} to {last} µm", **ends)
 
 
 def _key_figures(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
@@ -107,7 +117,7 @@ def _picture(page: Page, versions: Sequence[Mapping[str, Any]]) -> None:
             "One picture for each campaign, all in the same scale: rms of what each version leaves "
             "unexplained of it, beside how well it repeats itself. Blue: the version was fitted to "
             "it. Yellow: it was held out, the version has never seen it; only that fall shows that "
-            "a version predicts the machine."
+            "a version predicts the machine. Dashed: how well it repeats itself."
         )
         page.figures([(course_figure(c, courses), c.caption) for c in courses])
         return

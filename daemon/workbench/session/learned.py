@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from abbe.compcore.diagnosis.explain import explanation, formula, headline
+from abbe.compcore.diagnosis.explain import explained, formula, headline
 from abbe.compcore.diagnosis.findings import Established, measured_kinds
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.diagnosis.pictures import CANDIDATES
@@ -105,7 +105,7 @@ def _cause(
     return {
         "spec": effect.spec,
         "said": said_in_the_shop(diagnosis, established),
-        "explanation": explanation(established, diagnosis),
+        "explanation": explained(established, diagnosis),
         "instrument": effect.scope == "instrument",
         "parameters": parameter_rows(diagnosis, established),
         "figure": figure,

@@ -113,4 +113,16 @@ def _listed(
         # it was fitted for the first time together with what was made of it
         own = next((v.model.history[-1] for v in others if len(v.model.history) == 1), None)
     listed.append((first, own or {}))
-    return [*listed, *((v, versions_of(v.model)[-1]) for v in others if v.model.fit)]
+    listed += [(v, versions_of(v.model)[-1]) for v in others if v.model.fit]
+    return [(v, _with_held_out(record, others)) for v, record in listed]
+
+
+def _with_held_out(record: Mapping[str, Any], others: Sequence[ModelVersion]) -> Mapping[str, Any]:
+    """A version's record; where none was held out from it, as what was made of it tells of it.
+
+    What is added holds the version before beside its campaigns, too, and keeps that.
+    """
+    if "holdout" in record or "date" not in record:
+        return record
+    told = (r for v in others for r in v.model.history if r.get("date") == record["date"])
+    return next((r for r in told if "holdout" in r), record)

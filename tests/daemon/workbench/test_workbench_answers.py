@@ -81,7 +81,7 @@ def test_compare_says_what_the_command_says(learned: Workbench, campaign: Path) 
 def test_learn_says_what_the_command_says(learned: Workbench, campaign: Path) -> None:
     page, said = answer(learned.findings.learned), command("diagnose", MODEL, campaign)
     assert page["verdict"] == said["verdict"]
-    found = [(c["spec"], c["explanation"]) for c in page["causes"]]
+    found = [(c["spec"], " ".join(c["explanation"])) for c in page["causes"]]
     assert found == [(c["spec"], c["explanation"]) for c in said["candidates"]]
     assert found[0][0] == PLAY
     assert page["rms"] == pytest.approx(said["rms"])

@@ -57,7 +57,7 @@ function causeCard(cause, k, add, attempt) {
     el("p", {}, add(cause.spec), " ", attempt(cause.spec)),
     cause.instrument ? el("p", {class: "warning"},
       t("It belongs to the instrument: it never goes into the machine's compensation.")) : null,
-    el("p", {}, say(cause.explanation)),
+    ...cause.explanation.map((text) => el("p", {}, say(text))),
     table("", [t("parameter"), t("fitted"), t("plausible"), t("what it is")], cause.parameters.map((row) => row.map((text, k) => (k === 3 ? label(text) : text)))),
     place,
     el("p", {class: "note"}, t("Each dot is a row: what the cause would add, and what is left without it. Means on the dashed line: it explains them.")),

@@ -6,7 +6,7 @@ import {Linked} from "../residuals/linked.js";
 import {legend} from "./compare.js";
 import {reaches, Scatter} from "../residuals/scatter.js";
 
-const STEPS = 400, MANY = 6;
+const STEPS = 400, MANY = 6, CONVINCING = 12;
 const AGAIN = 1000; // ms until the server is asked again that is away
 
 /** Fill `place` with one cause to be tried. */
@@ -56,13 +56,16 @@ export async function tryOut(place, spec, found, state, act) {
   }}, t("As the measurements say"));
   const own = panelsOf(found, answer.where);
   const nodes = controls.map((c) => c.node);
+  const shown = found.causes.some((c) => c.spec === spec)
+    || found.candidates.some((c) => c.spec === spec && c.evidence >= CONVINCING);
   place.replaceChildren(
     el("h2", {}, t("What if")), el("p", {}, el("code", {}, spec)),
     el("p", {}, t("Move a slider: what would be left if this were in the model, and all the rest of the model fitted again? Nothing is added before you say so.")),
     bars.node, amount.node,
     ...(nodes.length > MANY
       ? [el("details", {}, el("summary", {}, t("its {n} parameters", {n: nodes.length})), ...nodes)] : nodes),
-    el("p", {}, back, " ", el("button", {class: "main add", disabled: !state.writes,
+    ...(shown ? [] : [el("p", {class: "note"}, t("The measurements do not show this cause: it would follow their noise."))]),
+    el("p", {}, back, " ", el("button", {class: shown ? "main add" : "add", disabled: !state.writes,
       "data-spec": spec, onclick: () => act("/api/add", {spec, on: state.stands_on})}, t("Add it and refit"))),
     el("p", {class: "legend"}, el("span", {}, el("b", {class: "before"}, "■"),
       t(" grey: left by the model as it is; in colour: with this cause"))),

@@ -23,9 +23,14 @@ export function typeset(text) {
   return typeof text === "string" ? text.replace(/(?<![^\s(])-(?=\d)/g, "−") : text;
 }
 
+/** A text in which of many numbers in a row, as a cause may have them, the first and the last stand. */
+function briefly(text) {
+  return typeof text === "string" ? text.replace(/((?:[^\s,]+,){3})(?:[−\d.]+,){4,}(?=[−\d])/g, "$1…,") : text;
+}
+
 /** A table of text cells; `last(i)` makes a further cell of row i. */
 export function table(title, columns, found, last = null) {
-  const cells = found.map((row) => row.map(typeset));
+  const cells = found.map((row) => row.map((text) => briefly(typeset(text))));
   const numeric = columns.map((_, k) => cells.some((row) => /^[−–]?[\d.]+( (°C|K|s|%|µm|mm|bar|hPa))?$/.test(row[k])));
   const side = (k) => (numeric[k] ? "number" : null);
   // a column without a name is no heading
