@@ -25,6 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.alike import alike
+from abbe.compcore.diagnosis.screening.left_out.repeated_places import visits
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.machine.conditions import Conditions
 
@@ -32,13 +33,6 @@ F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 FOLDS = 8
-
-_AGAIN = 3
-"""Visits of every place from which on they are left out in place of the places: two may be one part
-that was measured twice."""
-
-_DECIMALS = 2
-"""Of mm, and of rad ten times finer: what a machine that returns to a place does not repeat."""
 
 
 def folds(
@@ -163,7 +157,7 @@ def _stretches(conditions: Conditions, rows: Index, pieces: int) -> list[Index]:
     """Rows of a set-up, in order of time, as stretches of time; without a clock as places."""
     if np.ptp(conditions.time[rows]) > 0.0:
         return np.array_split(rows, pieces)
-    return _by_visit(conditions, rows) or _by_place(conditions, rows, pieces)
+    return visits(conditions, rows) or _by_place(conditions, rows, pieces)
 
 
 def clock_order(conditions: Conditions) -> F64:
@@ -179,26 +173,6 @@ def setup_rows(conditions: Conditions) -> list[Index]:
     """The rows of each set-up."""
     names = np.zeros(conditions.n, dtype="<U1") if conditions.setup is None else conditions.setup
     return alike(names)
-
-
-def _by_visit(conditions: Conditions, rows: Index) -> list[Index]:
-    """First visits of all places, second visits and so on; empty where a place was visited once."""
-    c = conditions.rows(rows)
-    measured = np.zeros((c.n, 4))
-    if c.u is not None:
-        measured[:, :3] = c.u
-    if c.kind is not None:
-        measured[:, 3] = c.kind
-    shown = (*c.positions.values(), *c.directions.values(), *measured.T, *c.tool.T)
-    places = np.round(np.column_stack(shown), _DECIMALS)
-    _, place, visits = np.unique(places, axis=0, return_inverse=True, return_counts=True)
-    if len(visits) < 2 or visits.min() < _AGAIN:
-        return []
-    place = place.reshape(-1)
-    by_place = np.argsort(place, kind="stable")
-    visit = np.empty(c.n, dtype=np.int64)
-    visit[by_place] = np.arange(c.n) - np.repeat(np.cumsum(visits) - visits, visits)
-    return [rows[visit == k] for k in range(int(visits.max()))]
 
 
 def _by_place(conditions: Conditions, rows: Index, pieces: int) -> list[Index]:

@@ -3,7 +3,8 @@
 Readings every few seconds of a body that warms for hours err together. What n of them say is what
 ``ν·n`` independent ones would, ``1/ν = 1 + 2·Σ ρ_k``, ρ_k the correlation of residuals k rows apart
 within a set-up, in order of time (Bartlett's formula; the sum ends where two neighbouring terms are
-together no longer positive, Geyer's rule, Statistical Science 7 (1992) 473).
+together no longer positive, Geyer's rule, Statistical Science 7 (1992) 473). Without a clock, the
+rows of one place that was read again are such neighbours.
 """
 
 from __future__ import annotations
@@ -12,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import clock_order, setup_rows
+from abbe.compcore.diagnosis.screening.left_out.repeated_places import rows_that_say_more
 from abbe.compcore.machine.conditions import Conditions
 
 F64 = NDArray[np.float64]
@@ -30,6 +32,10 @@ def independent_share(residual: F64, conditions: Conditions) -> float:
     conditions
         Set-up, run and time of each row.
     """
+    if not np.ptp(conditions.time) > 0.0:
+        own = setup_rows(conditions)
+        say = sum(rows_that_say_more(residual[r], conditions.rows(r)) for r in own)
+        return say / len(residual)
     order = clock_order(conditions)
     series = [
         residual[rows[np.argsort(order[rows], kind="stable")]]
