@@ -90,6 +90,4 @@ def test_holes_that_scatter_are_no_shape_of_a_guideway(tmp_path: Path) -> None:
     model = load_model(tmp_path / "mill.toml")
     campaign = read_campaign(tmp_path / "plate.csv", model.machine)
     course = to_the_verdict(model, campaign)
-    assert [e.spec for e in course.steps[-1].result.model.effects] == [
-        "squareness axes=X,Y"
-    ]
+    assert [e.spec for e in course.steps[-1].result.model.effects] == ["squareness axes=X,Y"]
