@@ -68,7 +68,7 @@ def import_tpoint(
     caption, stars, line = _stars(source, decoded(data))
     star, read = np.deg2rad(stars[:, :2]), np.deg2rad(stars[:, 2:])
     notes = [
-        f"imported from {source.name} (TPOINT: {caption})",
+        f"imported from {source.name} (TPOINT: {caption or 'no caption'})",
         "sign: error = where the star stands − what the encoders read",
         "C = azimuth from south through east, B = distance from the zenith, X south, Y east, Z up",
     ]
@@ -121,9 +121,11 @@ def _direction(azimuth: F64, zenith: F64) -> F64:
 def _stars(source: Path, text: str) -> tuple[str, F64, NDArray[np.int64]]:
     """Caption; (n, 4) degrees; the line of each."""
     lines = _content(text)
-    caption = next((words for _, words in lines), "")
-    options: list[str] = []
+    caption, options = "", list[str]()
     number, words = next(lines, (0, ""))
+    if not words.startswith(":"):  # else the caption was written as a comment
+        caption = words
+        number, words = next(lines, (0, ""))
     while words.startswith(":"):
         options += words[1:].upper().split()
         number, words = next(lines, (0, ""))

@@ -1,4 +1,4 @@
-"""Two more real sets, held out by whole days and runs: a radio telescope, and a load cell.
+"""More real sets, held out by whole days and runs: a radio telescope, a load cell; by stars: Euler.
 
 The telescope's authors fit a cubic of the azimuth (MIT, solaris-observatory/solaris-pointing); the
 load cell's certified quadratic is NIST's (StRD, Pontius).
@@ -40,6 +40,16 @@ def test_the_sun_on_a_day_that_was_not_fitted() -> None:
     }
     # the authors' cubic: 93.2 µrad; the six usual terms of a pointing model: 94.2
     assert _left(last.result.model, check) < 93.2e-6
+
+
+def test_every_third_star_of_a_night() -> None:
+    model, run, check = _read("r06-euler")
+    last = to_the_verdict(model, run).last
+    assert {"rotary_location axis=C", "spindle_squareness direction=Y"} <= {
+        e.spec for e in last.result.model.effects
+    }
+    # its makers' terms by least squares: the camera's eight 10.0 µrad, the spectrograph's nine 7.8
+    assert _left(last.result.model, check) < 4.0e-6
 
 
 def test_a_load_cell_in_a_second_run() -> None:

@@ -58,6 +58,18 @@ def test_an_encoder_s_zero_is_taken_off_and_said(tmp_path: Path) -> None:
     assert "zero of the elevation" not in str(campaign.metadata[0]["notes"])
 
 
+def test_a_caption_that_is_written_as_a_comment_is_none(tmp_path: Path) -> None:
+    """As the Euler telescope's: the options behind it are options all the same."""
+    head = "! Pointing Data for ECAM\n:ALTAZ\n:NODA\n-29 15 24.0\n\n"
+    campaign = import_tpoint(written(tmp_path, (20.0, 45.0, 20.0, 45.0), head=head))
+    assert campaign.n == 2
+    assert "(TPOINT: no caption)" in str(campaign.metadata[0]["notes"])
+    with pytest.raises(InputError, match="found 'NODA', expected a line ': ALTAZ'"):
+        import_tpoint(
+            written(tmp_path, (20.0, 45.0, 20.0, 45.0), head=head.replace(":ALTAZ\n", ""))
+        )
+
+
 def test_another_night_with_the_zero_of_the_first_shows_that_the_axis_moved(tmp_path: Path) -> None:
     """The second night's azimuth reads 40 µrad less: what was taken off the first shows it."""
     moved = float(np.rad2deg(40e-6))
