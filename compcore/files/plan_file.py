@@ -76,6 +76,7 @@ class _PlanDocument(_PlanSection):
     beyond: Annotated[float, Field(gt=0.0, le=100.0)] = 2.0
     nudge: Annotated[float, Field(ge=0.0, le=1.0)] = 0.0
     tool_radius: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+    table_radius: Annotated[float, Field(ge=0.0, le=10000.0)] = 0.0
     in_one_go: StrictBool = False
     tools: dict[_Name, _Vector]
     keep_out: tuple[KeepOutSection, ...] = ()
@@ -150,7 +151,7 @@ def read_plan(path: str | Path, machine: Machine) -> PlannedWork:
                 expected="every number below that of high",
             )
     boxes = tuple(KeepOut(b.low, b.high) for b in found.keep_out)
-    space = WorkingSpace(boxes, found.tool_radius, found.beyond, found.nudge)
+    space = WorkingSpace(boxes, found.tool_radius, found.beyond, found.nudge, found.table_radius)
     setups, names = [], set()
     for i, section in enumerate(found.setups):
         if section.name in names:
@@ -280,6 +281,8 @@ def _lines(plan: SurveyPlan, model: str, *, in_one_go: bool) -> Iterator[str]:
     if task.space.nudge:
         yield f"nudge = {task.space.nudge:g}          # mm aside of a line, which has to show"
     yield f"tool_radius = {task.space.radius:g}       # mm, the tool with its holder"
+    if task.space.table:
+        yield f"table_radius = {task.space.table:g}    # mm, what turns with a sphere, below it"
     if in_one_go:
         yield "in_one_go = true      # a line that was interrupted is measured anew"
     yield "\n[tools]"

@@ -109,7 +109,7 @@ class Candidates:
             runs[id(one.root)] += one.setup.runs
         most = max(self.runs)
         room = [runs.get(id(self.roots[i]), 0) + n <= most for i, n in self.index]
-        return np.asarray(room) & (self.seconds <= seconds)
+        return np.asarray(room, dtype=np.bool_) & (self.seconds <= seconds)
 
     def chosen(self, number: int) -> Chosen:
         """One of them."""

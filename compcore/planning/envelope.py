@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.drawing_back import drawn_back
 from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.probing.room import hindered
 
 F64 = NDArray[np.float64]
 
@@ -47,12 +49,16 @@ class WorkingSpace:
     nudge
         How far axes across a line move before its first target and come back, mm, so that its
         instrument is seen to follow; 0: not.
+    table
+        Radius of the rotary table with all that is on it lower than a sphere that is touched, mm;
+        0: not known.
     """
 
     keep_out: tuple[KeepOut, ...] = ()
     radius: float = 0.0
     beyond: float = 2.0
     nudge: float = 0.0
+    table: float = 0.0
 
     def hindrance(self, machine: Machine, setup: PlannedSetup) -> str | None:
         """Why a set-up cannot be done, or None: targets outside the travels, ways through a box."""
@@ -65,9 +71,20 @@ class WorkingSpace:
             low, high = min(before.min(), at.min()), max(before.max(), at.max())
             if low < own.travel[0] - _ROUNDING or high > own.travel[1] + _ROUNDING:
                 return f"{axis} would leave its travel"
+        if setup.instrument.key == "sphere":
+            hindered, why = self.cannot_touch(machine, setup.targets, setup.offset)
+            if hindered.any():
+                return why
         turns = any(np.ptp(q) > 0.0 for a, q in setup.targets.items() if is_rotary(a))
         hit = self.entered(setup.path()[order], setup.offset, turns=turns)
         return None if hit is None else f"the tool would enter keep-out box {hit}"
+
+    def cannot_touch(
+        self, machine: Machine, targets: Mapping[str, F64], offset: Sequence[float]
+    ) -> tuple[NDArray[np.bool_], str]:
+        """As `hindered`, in this space."""
+        back = drawn_back(machine, offset)
+        return hindered(machine, targets, offset, back, self.table, self.radius)
 
     def entered(self, way: F64, offset: Sequence[float], *, turns: bool) -> int | None:
         """The number of the first keep-out box that a tool enters on its way, from 1; None: none.

@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine, nominal_direction
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.drawing_back import drawn_back
 from abbe.compcore.planning.envelope import WorkingSpace
 from abbe.compcore.planning.nudge import nudge_of
 from abbe.compcore.planning.planned_setup import PlannedSetup
@@ -39,26 +40,32 @@ class ProgramStep:
     ----------
     kind
         ``note``: words; ``stop``: words, waits for a person; ``move``: straight, at feed;
-        ``target``: stands still there and is read.
+        ``target``: stands still there and is read; ``touch``: straight on until the probe touches.
     text
         Of notes and stops.
     at
         Of moves and targets: axis → position, mm or rad.
     number
-        Of a target, counted through the program from 1.
+        Of a target, or of the sphere that is touched, counted through the program from 1.
     seconds
         How long it stands where it is then; of a move mostly 0.
     setup, directions
         Of a target: its set-up, and axis → the sense in which it arrived, 1 or −1.
+    stands
+        Of a touch: every axis → where it stands at the latest, mm or rad.
+    guarded
+        Of a move: the probe must not touch anything on it.
     """
 
-    kind: Literal["note", "stop", "move", "target"]
+    kind: Literal["note", "stop", "move", "target", "touch"]
     text: str = ""
     at: Mapping[str, float] = field(default_factory=dict)
     number: int = 0
     seconds: float = 0.0
     setup: str = ""
     directions: Mapping[str, int] = field(default_factory=dict)
+    stands: Mapping[str, float] = field(default_factory=dict)
+    guarded: bool = False
 
 
 def steps_of(
@@ -79,30 +86,10 @@ def steps_of(
     InputError
         Naming set-up, target and axis, for a move outside the travels or through a keep-out box.
     """
-    return tuple(_Way(machine, space, stands).through(setups))
+    return tuple(Way(machine, space, stands).through(setups))
 
 
-def drawn_back(machine: Machine, offset: Sequence[float]) -> tuple[str, float]:
-    """The axis along which a tool is drawn back, and where to, mm.
-
-    It is the linear axis nearest to the tool, drawn towards the spindle.
-
-    Raises
-    ------
-    InputError
-        When the machine has no linear axis.
-    """
-    near = [a for a in machine.structure.axes if not is_rotary(a)]
-    if not near:
-        raise InputError("a machine without linear axes", field="structure")
-    axis = near[-1] if near[-1] in machine.structure.tool_side else near[0]
-    towards = -float(np.dot(offset, nominal_direction(axis)))
-    low, high = machine.axes[axis].travel
-    edge = min(1.0, 0.01 * (high - low))
-    return axis, low + edge if towards < 0.0 else high - edge
-
-
-class _Way:
+class Way:
     """The way through a program, checked move by move."""
 
     def __init__(self, machine: Machine, space: WorkingSpace, stands: float | None) -> None:
@@ -113,6 +100,7 @@ class _Way:
         self._number = 0
 
     def through(self, setups: Sequence[PlannedSetup]) -> Iterator[ProgramStep]:
+        """Its steps, set-up after set-up."""
         for setup in setups:
             yield ProgramStep("note", f"set-up {setup.name}: {setup.what}")
             yield ProgramStep("note", f"{setup.instrument.title}, tool {setup.tool}")
@@ -126,11 +114,7 @@ class _Way:
         senses = setup.senses()
         moving = [a for a, q in setup.targets.items() if float(np.ptp(q)) > 0.0]
         back, height = drawn_back(self._machine, setup.offset)
-        if self._at:
-            yield self._move(setup, {back: height})
-        else:
-            yield ProgramStep("note", f"the way of {back} to {height:.3f} must be free")
-            yield ProgramStep("move", at={back: height})
+        yield from self._back(setup, back, height)
         before: dict[str, float] = {}
         for i, k in enumerate(order.tolist()):
             target = {a: float(q[k]) for a, q in setup.targets.items()}
@@ -159,6 +143,14 @@ class _Way:
             )  # fmt: skip
             before = sense
         yield self._move(setup, {back: height})
+
+    def _back(self, setup: PlannedSetup, back: str, height: float) -> Iterator[ProgramStep]:
+        """The tool drawn back, also from where nobody knows that it is."""
+        if self._at:
+            yield self._move(setup, {back: height})
+        else:
+            yield ProgramStep("note", f"the way of {back} to {height:.3f} must be free")
+            yield ProgramStep("move", at={back: height})
 
     def _nudged(
         self, setup: PlannedSetup, target: Mapping[str, float], seconds: float

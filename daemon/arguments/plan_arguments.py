@@ -51,6 +51,21 @@ def tools_of(given: Sequence[str]) -> dict[str, tuple[float, float, float]]:
     return found or {"T1": _USUAL_TOOL}
 
 
+def place_of(key: str, text: str) -> tuple[float, float, float]:
+    """``x,y,z`` → where X, Y, Z stand, mm.
+
+    Raises
+    ------
+    InputError
+        For what are not three numbers.
+    """
+    parts = text.split(",")
+    if len(parts) != 3:
+        raise InputError("not a place", field=key, found=text, expected="x,y,z, mm")
+    x, y, z = (number(key, part, "mm", POINT) for part in parts)
+    return x, y, z
+
+
 def keep_out_of(given: Sequence[str]) -> tuple[KeepOut, ...]:
     """``x,y,z:x,y,z`` → boxes between two corners, mm.
 

@@ -153,6 +153,14 @@ class CalibrationRequest:
         return None if named is None else self.config.parent / named
 
     @property
+    def radii(self) -> tuple[float, float]:
+        """What must not meet where a sphere is touched: the table's and the tool's radius, mm."""
+        section = self.configuration.file.probing
+        if section is None or self.touches != "sphere":
+            return 0.0, 0.0
+        return section.table_radius, section.tool_radius
+
+    @property
     def gauge(self) -> Path | None:
         """Certificate of the gauge that it touches in the plan or in the check plan."""
         section = self.configuration.file.probing

@@ -10,9 +10,9 @@ from abbe.compcore.artefacts.calibrated_gauge import CalibratedGauge
 from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.compcore.planning.envelope import WorkingSpace
+from abbe.compcore.planning.probing.standing_sphere import StandardSphere
 from abbe.daemon.config import Configuration
 from abbe.daemon.measure.following.instrument import Instrument
-from abbe.daemon.measure.probing.standing_sphere import StandardSphere
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,10 @@ _PLAIN = str.maketrans(
 )
 
 
+LOG = "probed.csv"
+"""What a program calls the file of its touches; `abbe import-campaign --as probed` reads it."""
+
+
 class Dialect(ABC):
     """The language of one kind of controller.
 
@@ -49,6 +53,22 @@ class Dialect(ABC):
         InputError
             When the language cannot say it.
         """
+
+
+def no_touching(title: str) -> InputError:
+    """The refusal of a sphere that is touched."""
+    return InputError(
+        f"no programs that touch a sphere in the language of {title}",
+        field="controller",
+        found=title,
+        expected="linuxcnc, fanuc or siemens; the control's own cycle (KinematicsOpt), or "
+        "abbe measure with a section [probing]",
+    )
+
+
+def touches(steps: Sequence[ProgramStep]) -> bool:
+    """Whether a program touches anything."""
+    return any(step.kind == "touch" for step in steps)
 
 
 def no_lathe(title: str, machine: Machine) -> InputError:

@@ -9,12 +9,21 @@ there, so moves are in ``G54`` and the program ends with an alarm where that is 
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
 from typing import ClassVar
 
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.planning.motion import ProgramStep
-from abbe.drivers.programs.dialect import MADE_BY, Dialect, no_lathe, plain, shown
+from abbe.drivers.programs.dialect import LOG, MADE_BY, Dialect, no_lathe, plain, shown, touches
+
+TOUCH_FEED = 60.0
+"""While touching, mm/min."""
+_TOUCHED = {"X": "#5061", "Y": "#5062", "Z": "#5063"}
+"""Where LinuxCNC has a touch, in the program's coordinates."""
+_SKIPPED = _TOUCHED
+"""Where a Fanuc control whose first three axes are X, Y, Z has it."""
+_SIEMENS_LOG = "/_N_MPF_DIR/_N_PROBED_MPF"
 
 
 class _GCode(Dialect):
@@ -42,21 +51,51 @@ class _GCode(Dialect):
     def _lines(
         self, steps: Sequence[ProgramStep], machine: Machine, title: str, feed: float
     ) -> Iterator[str]:
+        if touches(steps):
+            yield from self._declared()
         yield from self._head(machine, title)
+        if touches(steps):
+            yield from self._open(machine)
         for step in steps:
             if step.kind == "note":
                 yield self._note(step.text)
             elif step.kind == "stop":
                 yield self._note(step.text)
                 yield "M0"
+            elif step.kind == "move" and step.guarded:
+                yield from self._guarded(step, feed)
             elif step.kind == "move":
                 yield f"{self.move} {self._words(step.at)} F{self._feed(feed)}"
                 if step.seconds:
                     yield self._dwell(step.seconds)
+            elif step.kind == "touch":
+                yield from self._touch(step, machine)
             else:
                 yield self._note(f"target {step.number}")
                 yield self._dwell(step.seconds)
+        if touches(steps):
+            yield from self._close()
         yield from self._foot()
+
+    def _declared(self) -> Iterator[str]:
+        """What has to come before everything else of a program that touches."""
+        yield from ()
+
+    @abstractmethod
+    def _guarded(self, step: ProgramStep, feed: float) -> Iterator[str]:
+        """A move on which the probe must not touch anything."""
+
+    @abstractmethod
+    def _touch(self, step: ProgramStep, machine: Machine) -> Iterator[str]:
+        """A touch, and its line in the file of touches."""
+
+    @abstractmethod
+    def _open(self, machine: Machine) -> Iterator[str]:
+        """The file of touches begun: axes in the structure's order."""
+
+    @abstractmethod
+    def _close(self) -> Iterator[str]:
+        """The file of touches ended."""
 
     def _words(self, at: Mapping[str, float]) -> str:
         return " ".join(f"{a}{self.between}{v:.4f}" for a, v in shown(at).items())
@@ -92,6 +131,30 @@ class LinuxCnc(_GCode):
     move: ClassVar[str] = "G53 G1"
     radius: ClassVar[str] = "G8"
 
+    def _guarded(self, step: ProgramStep, feed: float) -> Iterator[str]:
+        # a contact on a move that is no G38 ends the program: LinuxCNC does that by itself
+        yield f"{self.move} {self._words(step.at)} F{self._feed(feed)}"
+
+    def _touch(self, step: ProgramStep, machine: Machine) -> Iterator[str]:
+        # without contact G38.2 ends the program
+        yield f"G38.2 {self._words(step.at)} F{TOUCH_FEED:g}"
+        cells = [_TOUCHED.get(a, f"{v:.4f}") for a, v in shown(step.stands).items()]
+        yield f"(LOG,{','.join(cells)})"
+
+    def _open(self, machine: Machine) -> Iterator[str]:
+        # G38.2 counts as the program does: with any offset it would go elsewhere
+        yield "G54"
+        checked = [*range(5211, 5220), *range(5221, 5231)]
+        total = "+".join(f"ABS[#{n}]" for n in checked)
+        yield f"o100 if [{total} GT 0]"
+        yield "(ABORT,the offsets G54 and G92 have to be zero)"
+        yield "o100 endif"
+        yield f"(LOGOPEN,{LOG})"
+        yield f"(LOG,{','.join(machine.structure.axes)})"
+
+    def _close(self) -> Iterator[str]:
+        yield "(LOGCLOSE)"
+
 
 class FanucProgram(_GCode):
     """Fanuc 0i, 30i and those that read like them."""
@@ -99,6 +162,30 @@ class FanucProgram(_GCode):
     name: ClassVar[str] = "fanuc"
     title: ClassVar[str] = "Fanuc"
     end: ClassVar[str] = "M30"
+
+    def _guarded(self, step: ProgramStep, feed: float) -> Iterator[str]:
+        yield f"G31 {self._words(step.at)} F{self._feed(feed)}"
+        yield f"IF [[{self._short(step)}] GT 0.05] THEN #3000=3 (PROBE TOUCHED ON ITS WAY)"
+
+    def _touch(self, step: ProgramStep, machine: Machine) -> Iterator[str]:
+        yield f"G31 {self._words(step.at)} F{self._feed(TOUCH_FEED)}"
+        yield f"IF [[{self._short(step)}] LT 0.01] THEN #3000=2 (NOTHING TOUCHED)"
+        cells = []
+        for i, (axis, value) in enumerate(shown(step.stands).items()):
+            if axis not in _SKIPPED:
+                yield f"#{100 + i}={value:.4f}"
+            cells.append(f"{axis}{_SKIPPED.get(axis, f'#{100 + i}')}[44]")
+        yield f"DPRNT[{'*'.join(cells)}]"
+
+    def _short(self, step: ProgramStep) -> str:
+        """How far X, Y, Z together stopped before the end."""
+        return "+".join(f"ABS[{_SKIPPED[a]}-[{v:.4f}]]" for a, v in shown(step.at).items())
+
+    def _open(self, machine: Machine) -> Iterator[str]:
+        yield "POPEN"
+
+    def _close(self) -> Iterator[str]:
+        yield "PCLOS"
 
     def _feed(self, feed: float) -> str:
         # without a decimal point a control may count least increments (parameter 3401, DPI)
@@ -133,6 +220,48 @@ class Siemens(_GCode):
     between: ClassVar[str] = "="
     end: ClassVar[str] = "M30"
     radius: ClassVar[str] = "DIAMOF"
+
+    def _declared(self) -> Iterator[str]:
+        yield "DEF INT FAULT"
+        yield "DEF STRING[200] ROW"
+
+    def _measured(self, step: ProgramStep, feed: float) -> Iterator[str]:
+        yield f"MEAS=1 {self.move} {self._words(step.at)} F{self._feed(feed)}"
+        yield "STOPRE"
+
+    def _guarded(self, step: ProgramStep, feed: float) -> Iterator[str]:
+        yield from self._measured(step, feed)
+        yield "IF $AC_MEA[1]==1 GOTOF TOUCHED"
+
+    def _touch(self, step: ProgramStep, machine: Machine) -> Iterator[str]:
+        yield from self._measured(step, TOUCH_FEED)
+        yield "IF $AC_MEA[1]==0 GOTOF MISSED"
+        cells = [
+            f"$AA_MM[{a}]" if a in "XYZ" else f'"{v:.4f}"' for a, v in shown(step.stands).items()
+        ]
+        yield f"""ROW=""<<{'<<","<<'.join(cells)}"""
+        yield from self._written()
+
+    def _written(self) -> Iterator[str]:
+        yield f'WRITE(FAULT,"{_SIEMENS_LOG}",ROW)'
+        yield "IF FAULT<>0 GOTOF NOTWRITTEN"
+
+    def _open(self, machine: Machine) -> Iterator[str]:
+        # WRITE goes on after what is there
+        yield f'IF ISFILE("{_SIEMENS_LOG}") GOTOF NOTWRITTEN'
+        yield f'ROW="{",".join(machine.structure.axes)}"'
+        yield from self._written()
+
+    def _close(self) -> Iterator[str]:
+        yield self.end
+        for label, words in (
+            ("MISSED", "nothing touched"),
+            ("TOUCHED", "the probe touched on its way"),
+            ("NOTWRITTEN", f"{_SIEMENS_LOG} is there already, or cannot be written"),
+        ):
+            yield f'{label}: MSG("{words}")'
+            yield "M0"
+            yield self.end
 
     def _note(self, text: str) -> str:
         return f"; {plain(text)}"

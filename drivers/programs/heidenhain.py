@@ -11,7 +11,15 @@ from typing import ClassVar
 
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.planning.motion import ProgramStep
-from abbe.drivers.programs.dialect import MADE_BY, Dialect, no_lathe, plain, shown
+from abbe.drivers.programs.dialect import (
+    MADE_BY,
+    Dialect,
+    no_lathe,
+    no_touching,
+    plain,
+    shown,
+    touches,
+)
 
 
 class Klartext(Dialect):
@@ -30,6 +38,8 @@ class Klartext(Dialect):
         """
         if machine.structure.shows_diameters:
             raise no_lathe(self.title, machine)
+        if touches(steps):
+            raise no_touching(self.title)
         lines = ["BEGIN PGM ABBE MM", *self._lines(steps, title, feed), "END PGM ABBE MM"]
         return "\n".join(f"{i} {line}" for i, line in enumerate(lines)) + "\n"
 

@@ -8,7 +8,7 @@ from typing import ClassVar
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.planning.motion import ProgramStep
-from abbe.drivers.programs.dialect import MADE_BY, Dialect, plain, shown
+from abbe.drivers.programs.dialect import MADE_BY, Dialect, no_touching, plain, shown, touches
 
 
 class IppCommands(Dialect):
@@ -32,6 +32,8 @@ class IppCommands(Dialect):
                 found=str(machine.structure),
                 expected="a machine without other axes, or another controller",
             )
+        if touches(steps):
+            raise no_touching(self.title)
         commands = 0
         lines = []
         for line in self._lines(steps, title, feed):

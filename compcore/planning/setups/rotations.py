@@ -14,6 +14,7 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.probing.room import room_about
 from abbe.compcore.planning.targets import SurveyTask
 
 F64 = NDArray[np.float64]
@@ -22,6 +23,8 @@ _OUT = (80.0, 160.0)
 """How far from the axis's line a sphere stands, mm."""
 _UP = (60.0, 200.0)
 """How high above the table, mm."""
+_FEWEST = 5
+"""Angles below which a sphere says too little of an axis."""
 _OTHERS = (None, 0.25, 0.6)
 """Where other rotary axes stand: at 0, or at a part of their travel."""
 
@@ -63,8 +66,12 @@ def spheres(
                 tools = np.tile(np.asarray(offset), (len(angles), 1))
                 point = np.tile(sphere, (len(angles), 1))
                 targets = following(machine, turning | {axis: angles}, point, tools)
-                kept = _reached(task, targets)
-                if kept.sum() < max(5, len(angles) // 2):
+                kept, fewest = _reached(task, targets), max(_FEWEST, len(angles) // 2)
+                if instrument.key == "sphere":
+                    fewest = _FEWEST
+                    kept &= room_about(machine, targets, offset)
+                    kept &= ~task.space.cannot_touch(machine, targets, offset)[0]
+                if kept.sum() < fewest:
                     continue
                 targets = {
                     a: q[kept] if a in rotary else np.round(q[kept], 4) for a, q in targets.items()

@@ -33,6 +33,14 @@ AlongAxes = Annotated[
 ToolRadius = Annotated[
     float, typer.Option(callback=within(0.0, 1000.0, "mm"), help="Tool with its holder, mm.")
 ]
+TableRadius = Annotated[
+    float,
+    typer.Option(
+        callback=within(0.0, 10_000.0, "mm"),
+        help="Rotary table with what is on it lower than a touched sphere, mm; --tool-radius is "
+        "then that of the spindle.",
+    ),
+]
 PlateAtHand = Annotated[
     Path | None,
     typer.Option(

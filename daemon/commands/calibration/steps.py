@@ -84,7 +84,7 @@ def _measured(
             model, instruments=request.instruments, time=request.time, out=plan_file,
             tool=list(request.tools), plate=request.plate,
             gauge=request.gauge if request.touches != "ball-plate" else None,
-            along_axes=request.by_file,
+            along_axes=request.by_file, table_radius=request.radii[0], tool_radius=request.radii[1],
         )  # fmt: skip
         if request.by_file:
             write_targets(plan_file, model, file(TARGETS))
@@ -210,6 +210,7 @@ def _verified(
             calibrated, out=plan_file, fitted=[campaign], time=request.check_time, runs=2,
             tool=list(request.tools), instruments=request.checked_by, gauge=request.gauge,
             plate=request.plate, along_axes=request.by_file,
+            table_radius=request.radii[0], tool_radius=request.radii[1],
         )  # fmt: skip
         if request.by_file:
             write_targets(plan_file, calibrated, file(CHECK_TARGETS))

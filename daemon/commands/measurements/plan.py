@@ -17,6 +17,7 @@ from abbe.daemon.arguments.measurements.survey_options import (
     KeepOutBoxes,
     PlanOut,
     PlateAtHand,
+    TableRadius,
     TimeThere,
     ToolRadius,
     Tools,
@@ -62,6 +63,7 @@ def plan(
     tool: Tools = None,
     keep_out: KeepOutBoxes = None,
     tool_radius: ToolRadius = 0.0,
+    table_radius: TableRadius = 0.0,
     plate: PlateAtHand = None,
     gauge: GaugeAtHand = None,
     along_axes: AlongAxes = False,
@@ -126,7 +128,7 @@ def plan(
     grown, places = with_effects(_determined(loaded), apart or [])
     # an instrument that writes a file would take the nudge for a target
     nudge = 0.0 if along_axes else NUDGE
-    space = WorkingSpace(keep_out_of(keep_out or []), tool_radius, nudge=nudge)
+    space = WorkingSpace(keep_out_of(keep_out or []), tool_radius, nudge=nudge, table=table_radius)
     task = SurveyTask(
         grown, space, tools_of(tool or []),
         waves, held, None if plate is None else read_plate(plate),

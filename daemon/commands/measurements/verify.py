@@ -28,6 +28,7 @@ from abbe.daemon.arguments.measurements.survey_options import (
     KeepOutBoxes,
     PlanOut,
     PlateAtHand,
+    TableRadius,
     TimeThere,
     ToolRadius,
     Tools,
@@ -101,6 +102,7 @@ def verify(
     keep_out: KeepOutBoxes = None,
     along_axes: AlongAxes = False,
     tool_radius: ToolRadius = 0.0,
+    table_radius: TableRadius = 0.0,
     as_json: AsJson = False,
     report: Report = None,
     language: PageIn = "en",
@@ -151,7 +153,7 @@ def verify(
         from abbe.compcore.planning.targets import SurveyTask
         from abbe.daemon.arguments.plan_arguments import keep_out_of, seconds_of, tools_of
 
-        space = WorkingSpace(keep_out_of(keep_out or []), tool_radius)
+        space = WorkingSpace(keep_out_of(keep_out or []), tool_radius, table=table_radius)
         task = SurveyTask(
             named.model, space, tools_of(tool or []),
             gauge=None if gauge is None else read_gauge(gauge),

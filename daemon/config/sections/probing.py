@@ -25,6 +25,10 @@ class ProbingSection(Section):
     """File of the calibrated gauge block or step gauge, relative to the configuration."""
     sphere: Length | None = None
     """Diameter of the sphere on the table."""
+    table_radius: Annotated[float, Field(ge=0.0, le=10_000.0)] = 0.0
+    """Of the rotary table with what is on it lower than the sphere, for `abbe calibrate`."""
+    tool_radius: Annotated[float, Field(ge=0.0, le=1000.0)] = 0.0
+    """Of probe and spindle, likewise."""
     tip: Length
     """Diameter of the stylus's ball."""
     shaft: tuple[float, float, float] = Field(default=(0.0, 0.0, 1.0), strict=False)

@@ -14,9 +14,9 @@ from abbe.compcore.files.gauge_file import read_gauge
 from abbe.compcore.files.plate_file import read_plate
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.probing.standing_sphere import StandardSphere, turning_axes
 from abbe.daemon.config import Configuration
 from abbe.daemon.config.channels import split
-from abbe.daemon.measure.probing.standing_sphere import StandardSphere, turning_axes
 from abbe.daemon.measure.rows import digest
 from abbe.drivers.link import Link
 from abbe.drivers.touch_probe import touch_probe_of

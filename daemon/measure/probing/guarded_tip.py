@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.planning.drawing_back import drawn_back
 from abbe.compcore.planning.envelope import WorkingSpace
-from abbe.compcore.planning.motion import drawn_back
 from abbe.drivers.touch_probe import Place, TouchProbe, TouchTravel
 
 F64 = NDArray[np.float64]

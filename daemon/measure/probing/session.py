@@ -11,6 +11,7 @@ from abbe.compcore.artefacts.calibrated_gauge import CalibratedGauge
 from abbe.compcore.artefacts.calibrated_plate import CalibratedPlate
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.probing.standing_sphere import StandardSphere
 from abbe.daemon.config.sections.probing import ProbingSection
 from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import Tell, setup_words
@@ -22,7 +23,6 @@ from abbe.daemon.measure.probing.gauge_touching import GaugeTouching
 from abbe.daemon.measure.probing.guarded_tip import GuardedTip
 from abbe.daemon.measure.probing.plate_touching import PlateTouching
 from abbe.daemon.measure.probing.sphere_touching import SphereTouching
-from abbe.daemon.measure.probing.standing_sphere import StandardSphere
 from abbe.daemon.measure.probing.surroundings import Surroundings
 from abbe.daemon.measure.task import MeasureTask
 from abbe.drivers.link import LinkError

@@ -10,15 +10,16 @@ import numpy as np
 from abbe.compcore.errors import AbbeError
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.daemon.measure.machine_view import SeenMachine
-from abbe.daemon.measure.probing.artefact import TouchedArtefact, TouchingWork
-from abbe.daemon.measure.probing.guarded_tip import GuardedTip
-from abbe.daemon.measure.probing.one_sphere import one_sphere
-from abbe.daemon.measure.probing.standing_sphere import (
+from abbe.compcore.planning.probing.standing_sphere import (
     StandardSphere,
     StandingSphere,
     turning_axes,
 )
+from abbe.compcore.planning.probing.touches import OVER_POST
+from abbe.daemon.measure.machine_view import SeenMachine
+from abbe.daemon.measure.probing.artefact import TouchedArtefact, TouchingWork
+from abbe.daemon.measure.probing.guarded_tip import GuardedTip
+from abbe.daemon.measure.probing.one_sphere import one_sphere
 from abbe.daemon.measure.probing.touched_sphere import MissedSphereError, SphereToucher
 
 _WITHIN = radians(0.05)
@@ -58,21 +59,22 @@ class SphereTouching(TouchedArtefact):
 
     def look(self, tip: GuardedTip, setup: PlannedSetup) -> None:
         """As `TouchedArtefact.look`."""
-        planned, toucher = self._planned[setup.name], self._toucher(tip)
+        planned = self._planned[setup.name]
         for k in range(setup.count):
             angles = {a: float(q[k]) for a, q in setup.targets.items() if is_rotary(a)}
+            toucher = self._toucher(tip, planned, angles)
             for place in toucher.places(planned.at(angles), planned.normal(angles)):
                 tip.look(place, place)
 
     async def measure(self, tip: GuardedTip, setup: PlannedSetup) -> None:
         """As `TouchedArtefact.measure`."""
         work, course = self._work, self._work.course
-        toucher = self._toucher(tip)
         visits = course.here
         stands: StandingSphere | None = None
         for visit in list(visits.left):
             visits.expected = visit
             angles = await self._turn(tip, setup, visit)
+            toucher = self._toucher(tip, stands or self._planned[setup.name], angles)
             if stands is None:
                 stands = await self._find(tip, toucher, self._planned[setup.name], angles)
                 # a frame of its own: nobody knows whether somebody has pushed the sphere
@@ -82,8 +84,12 @@ class SphereTouching(TouchedArtefact):
                 await tip.come(toucher.over(stands.at(angles), stands.normal(angles)))
             await self._visit(toucher, stands, setup, visit, angles)
 
-    def _toucher(self, tip: GuardedTip) -> SphereToucher:
-        return SphereToucher(tip, self._work.section, self._sphere.diameter)
+    def _toucher(
+        self, tip: GuardedTip, stands: StandingSphere, angles: dict[str, float]
+    ) -> SphereToucher:
+        """With the stylus as a head has turned it."""
+        shaft = stands.shaft(angles)
+        return SphereToucher(tip, self._work.section, self._sphere.diameter, shaft, OVER_POST)
 
     async def _find(
         self,

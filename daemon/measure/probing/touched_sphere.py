@@ -7,7 +7,14 @@ from numpy.typing import NDArray
 
 from abbe.compcore.artefacts.sphere import FittedSphere, fit_sphere
 from abbe.compcore.errors import AbbeError
-from abbe.compcore.planning.probing.touches import Stylus, about, directions, unit
+from abbe.compcore.planning.probing.touches import (
+    OVER_PLATE,
+    Stylus,
+    about,
+    directions,
+    round_trip,
+    unit,
+)
 from abbe.daemon.config.sections.probing import ProbingSection
 from abbe.daemon.measure.probing.guarded_tip import GuardedTip
 from abbe.drivers.touch_probe import NotTouchedError, TouchTravel
@@ -46,16 +53,28 @@ class SphereToucher:
         How.
     diameter
         Of the spheres, mm.
+    shaft
+        From the tip to the probe, machine axes; None: as the section says.
+    over
+        Farthest from where a sphere looks that it may be touched, rad.
     """
 
-    def __init__(self, tip: GuardedTip, section: ProbingSection, diameter: float) -> None:
+    def __init__(
+        self,
+        tip: GuardedTip,
+        section: ProbingSection,
+        diameter: float,
+        shaft: F64 | None = None,
+        over: float = OVER_PLATE,
+    ) -> None:
         self._tip = tip
         self._section = section
         self._radius = 0.5 * section.tip
         self._reach = 0.5 * (diameter + section.tip)
         """From the middle of a sphere to the tip's when it touches."""
         self._ball = 0.5 * diameter
-        x, y, z = unit(section.shaft).tolist()
+        x, y, z = unit(section.shaft if shaft is None else shaft.tolist()).tolist()
+        self._over = over
         self._stylus = Stylus(self._radius, (x, y, z))
 
     @property
@@ -97,7 +116,7 @@ class SphereToucher:
         """
         own = self._section
         far = self._reach + own.approach + 2.0 * own.placing + self._radius
-        ways = directions(normal, self._stylus, own.points)
+        ways = self._directions(normal)
         return [self.over(centre, normal), *(centre + far * d for d in ways)]
 
     async def find(self, centre: F64, normal: F64) -> FittedSphere:
@@ -111,13 +130,13 @@ class SphereToucher:
             When it is not there.
         """
         wide = self._section.placing
-        pole = directions(normal, self._stylus, self._section.points)[:1]
+        pole = self._directions(normal)[:1]
         await self._tip.begin(self._travel(wide))
         await self._tip.go(self.over(centre, normal))
         first = await self._around(centre, pole, wide)
         away = first[0] - centre - self._reach * pole[0]
         centre = centre + (away @ pole[0]) * pole[0]
-        ways = directions(normal, self._stylus, self._section.points)
+        ways = self._directions(normal)
         points = await self._around(centre, ways, wide)
         await self._tip.go(self.over(centre, normal))
         rough = fit_sphere(np.array(points))
@@ -138,7 +157,7 @@ class SphereToucher:
             When it is not there.
         """
         await self._tip.go(self.over(centre, normal))
-        ways = directions(normal, self._stylus, self._section.points)
+        ways = self._directions(normal)
         points = await self._around(centre, ways, 0.0)
         await self._tip.go(self.over(centre, normal))
         return fit_sphere(np.array(points), radius)
@@ -149,10 +168,13 @@ class SphereToucher:
         away = self._reach + own.approach
         if missed.searched:
             await self._tip.after_miss(centre + away * missed.way)
-        pole = directions(normal, self._stylus, own.points)[0]
+        pole = self._directions(normal)[0]
         for place in about(centre, missed.way, pole, away, self._reach + 0.5 * own.approach):
             await self._tip.go(place)
         await self._tip.go(self.over(centre, normal))
+
+    def _directions(self, normal: F64) -> F64:
+        return directions(normal, self._stylus, self._section.points, self._over)
 
     def _travel(self, wide: float) -> TouchTravel:
         own = self._section
@@ -166,12 +188,10 @@ class SphereToucher:
         away = self._reach + own.approach + wide
         least = self._reach + 0.5 * own.approach + wide
         found = []
-        await self._tip.go(centre + away * ways[0])
-        at = ways[0]
-        for way in ways:
-            for place in about(centre, at, way, away, least):
+        for place, way in round_trip(centre, ways, away, least):
+            if way is None:
                 await self._tip.go(place)
-            at = way
+                continue
             try:
                 point = await self._tip.touch(centre + self._ball * way, way)
             except NotTouchedError as error:
@@ -185,6 +205,4 @@ class SphereToucher:
                     f"touched {abs(early):.2f} mm too {when}", way, searched=False
                 )
             found.append(point)
-        for place in about(centre, at, ways[0], away, least):
-            await self._tip.go(place)
         return found

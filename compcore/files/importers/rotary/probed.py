@@ -7,6 +7,7 @@ Each becomes an R-test's row: the tool, as indicated, beside the sphere, which s
 
 from __future__ import annotations
 
+import re
 from itertools import groupby
 from pathlib import Path
 
@@ -17,9 +18,10 @@ from abbe.compcore.artefacts.sphere import FEWEST, FittedSphere, fit_sphere
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.measuring_conditions import stated
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.importers.placing import ForeignPlacing, Readings, place
+from abbe.compcore.files.importers.placing import ForeignPlacing, Readings, place, read_bytes
 from abbe.compcore.files.importers.sheets.roles import TOOL_WORDS, RoleColumns
-from abbe.compcore.files.importers.sheets.words import read_sheet
+from abbe.compcore.files.importers.sheets.words import Sheet, read_sheet
+from abbe.compcore.files.text.encodings import decoded
 from abbe.compcore.iso10791.poses import following
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
@@ -28,6 +30,8 @@ from abbe.compcore.machine.plausible import position_range
 
 F64 = NDArray[np.float64]
 
+_WORD = re.compile(r"([A-Z])\s*([-+]?)\s*(\d*\.\d+)")
+_ROW = re.compile(rf"(?:{_WORD.pattern}\s*)+")
 _SAME_SPHERE = 0.1
 """mm by which touches may lie beside a sphere, and radii of one sphere differ."""
 
@@ -44,7 +48,7 @@ def import_probed(
     """
     source = Path(path)
     placing = placing or ForeignPlacing()
-    sheet = read_sheet(source)
+    sheet = _of_words(source) or read_sheet(source)
     axes, rotary = machine.structure.axes, machine.structure.rotary
     columns = RoleColumns.of(sheet, {a: (a.lower(),) for a in axes} | dict(TOOL_WORDS))
     missing = [a for a in axes if a not in columns.where]
@@ -114,6 +118,23 @@ def import_probed(
     ]
     metadata = {"instrument": "sphere and touch probe", **stated(sheet.comments)}
     return place(source, sheet.data, readings, placing, notes, metadata, machine)
+
+
+def _of_words(path: Path) -> Sheet | None:
+    """A file of rows ``X 193.0021 Y -40.0003 C 30.0000``, as a control prints; None: it is none."""
+    data = read_bytes(path)
+    rows: list[tuple[int, list[str]]] = []
+    for at, line in enumerate(decoded(data).splitlines(), start=1):
+        # a control may put marks of its own before and behind what it prints
+        text = "".join(c for c in line if c.isprintable()).strip()
+        if not text or text == "%":
+            continue
+        if not _ROW.fullmatch(text):
+            return None
+        words = _WORD.findall(text)
+        rows = rows or [(at, [axis for axis, _, _ in words])]
+        rows.append((at, [sign + size for _, sign, size in words]))
+    return Sheet(str(path), rows, {}, data) if rows else None
 
 
 def _sphere(file: str, lines: list[int], points: F64) -> FittedSphere:

@@ -79,7 +79,8 @@ def read_sheet(path: Path) -> Sheet:
             if equals:
                 comments[key.strip().lower()] = value.strip().strip("\"'")
             continue
-        if not line.strip(" \t,;"):
+        # a Siemens control begins its files with their name and folder
+        if not line.strip(" \t,;") or line.startswith(("%_N_", ";$PATH=")):
             continue
         if not rows:
             separator = max(",;\t", key=line.count)

@@ -14,7 +14,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 
-from tests.support.drivers.linuxcnc import artefact
+from tests.support.drivers.linuxcnc import artefact, five_axis_artefact
 from tests.support.drivers.linuxcnc.machine import Machine
 
 TOOL = (0.0, 0.0, -100.0)
@@ -62,11 +62,9 @@ setp from-y.gain1 -1
 setp from-z.gain1 -1
 """
 _SPHERE = """
-loadusr -Wn artefact ./artefact.py
 addf away servo-thread
 addf near servo-thread
 addf works servo-thread
-net c-motor => artefact.c
 net x-sphere artefact.x => from-x.in1
 net y-sphere artefact.y => from-y.in1
 net z-sphere artefact.z => from-z.in1
@@ -96,13 +94,13 @@ net both flat.out => inside.in0
 net high in-height.out => inside.in1
 net touching inside.out
 """
-_JOINT = """[AXIS_C]
+_JOINT = """[AXIS_{letter}]
 MIN_LIMIT = -220
 MAX_LIMIT = 220
 MAX_VELOCITY = 200
 MAX_ACCELERATION = 2000
 
-[JOINT_3]
+[JOINT_{number}]
 TYPE = ANGULAR
 HOME = 0
 MIN_LIMIT = -220
@@ -139,24 +137,35 @@ class TouchingMill(Machine):
     ----------
     diameter
         Of the sphere; None: there is a block.
+    turning
+        Rotary axes beside a sphere.
+    what
+        What they do: ``artefact``, a table that turns about C; else as `five_axis_artefact` has it.
     """
 
     HAL: ClassVar[str] = _TRUTH
 
-    def __init__(self, diameter: float | None = None) -> None:
+    def __init__(
+        self, diameter: float | None = None, turning: str = "C", what: str = "artefact"
+    ) -> None:
         self.diameter = diameter
-        turning = {
-            "COORDINATES = X Y Z": "COORDINATES = X Y Z C",
-            "KINEMATICS = trivkins": "KINEMATICS = trivkins coordinates=XYZC",
-            "JOINTS = 3": "JOINTS = 4",
-            "[JOINT_0]": _JOINT + "[JOINT_0]",
+        self._turning = turning
+        self._what = what
+        joints = (_JOINT.format(letter=a, number=3 + i) for i, a in enumerate(turning))
+        turned = {
+            "COORDINATES = X Y Z": "COORDINATES = X Y Z " + " ".join(turning),
+            "KINEMATICS = trivkins": f"KINEMATICS = trivkins coordinates=XYZ{turning}",
+            "JOINTS = 3": f"JOINTS = {3 + len(turning)}",
+            "[JOINT_0]": "".join(joints) + "[JOINT_0]",
         }
-        super().__init__({} if diameter is None else turning)
+        super().__init__({} if diameter is None else turned)
 
     def start(self) -> None:
         """With the truth behind its motors."""
         if not (self.folder / "artefact.py").exists():
-            shutil.copy(artefact.__file__, self.folder)
+            plain = self._what == "artefact"
+            own = artefact.__file__ if plain else five_axis_artefact.__file__
+            shutil.copy(own, self.folder / "artefact.py")
             lines = self.HAL
             for axis, errors in SCREWS.items():
                 for i, (at, error) in enumerate(zip(PLACES, errors, strict=True)):
@@ -166,7 +175,11 @@ class TouchingMill(Machine):
             for axis, own in zip("xyz", TOOL, strict=True):
                 lines += f"setp from-{axis}.offset {own}\n"
             if self.diameter is not None:
-                lines += "net c-motor joint.3.motor-pos-cmd => joint.3.motor-pos-fb\n" + _SPHERE
+                lines += f"loadusr -Wn artefact ./artefact.py {'' if plain else self._what}\n"
+                for i, a in enumerate(self._turning.lower(), start=3):
+                    lines += f"net {a}-motor joint.{i}.motor-pos-cmd => joint.{i}.motor-pos-fb\n"
+                    lines += f"net {a}-motor => artefact.{a}\n"
+                lines += _SPHERE
                 lines += f"setp near.in1 {0.5 * (self.diameter + TIP)}\n"
             else:
                 lines += _BLOCK
@@ -194,6 +207,11 @@ class TouchingMill(Machine):
         """``halcmd`` as typed; what it says."""
         command = ["halcmd", *map(str, words)]
         return subprocess.run(command, check=True, capture_output=True, text=True).stdout
+
+    def stand(self, middle: np.ndarray) -> None:
+        """Stand the sphere of a five-axis machine elsewhere, mm, rotary axes at 0."""
+        for axis, value in zip("xyz", middle, strict=True):
+            self.hal(f"artefact.start-{axis}", float(value))
 
     def lay(self, middle: np.ndarray, angle: float, size: tuple[float, float, float]) -> None:
         """Lay a block: its middle, mm, turned about Z by an angle, rad; length, width, height."""

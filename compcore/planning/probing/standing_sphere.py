@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,7 +43,8 @@ class StandingSphere:
     offset
         Of the tip from the axes' positions, mm.
     post
-        The direction to which it looks out of its post with rotary axes at 0.
+        The direction to which it looks out of its post with rotary axes at 0, and in which the
+        stylus's shaft then goes from the tip.
     point
         Its middle, (3,), workpiece's frame, mm.
     radius
@@ -59,23 +60,15 @@ class StandingSphere:
 
     @classmethod
     def planned(
-        cls, machine: Machine, setup: PlannedSetup, shaft: tuple[float, float, float]
+        cls, machine: Machine, setup: PlannedSetup, shaft: Sequence[float]
     ) -> StandingSphere:
         """Where a plan has it: where its targets put the tip.
 
         Raises
         ------
         InputError
-            When the tip is not at one place of the workpiece at all of them, and where a head turns
-            the tip.
+            When the tip is not at one place of the workpiece at all of them.
         """
-        turning = turning_axes(setup)
-        heads = [a for a in turning if a not in machine.structure.workpiece_side]
-        if heads:
-            raise InputError(
-                f"set-up {setup.name} turns the stylus, and only tables are turned",
-                field="setups", found=", ".join(heads), expected="rotary axes of the table",
-            )  # fmt: skip
         tools = np.tile(np.asarray(setup.offset), (setup.count, 1))
         points = Chain(machine, Conditions(dict(setup.targets), tool=tools)).point
         beside = float(np.linalg.norm(points - points.mean(axis=0), axis=1).max())
@@ -96,6 +89,11 @@ class StandingSphere:
         """The direction to which it looks, unit vector, machine axes."""
         chain = self._chain({**self.axes(angles)})
         return np.asarray(chain.to_machine_axes(self._post[None, :])[0])
+
+    def shaft(self, angles: Mapping[str, float]) -> F64:
+        """The direction from the tip to the probe, unit vector, machine axes: a head turns it."""
+        chain = self._chain({**self.axes(angles)})
+        return np.asarray(chain.to_machine_axes(chain.orientation @ self._post)[0])
 
     def axes(self, angles: Mapping[str, float]) -> dict[str, float]:
         """Where the controller has all axes when the tip is in its middle, mm and rad."""
