@@ -2,18 +2,35 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from abbe.compcore.errors import AbbeError
 from abbe.daemon.arguments.measurements.plan_reading import Feed, Stands
 from abbe.daemon.arguments.options import ConfigFile, PageIn
+
+if TYPE_CHECKING:
+    from abbe.daemon.report.language import PageLanguage
 
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
     app.command("calibrate")(calibrate)
+
+
+@contextmanager
+def _failing_in(language: PageLanguage) -> Iterator[None]:
+    """While it lasts why a step cannot be done is said in a language."""
+    try:
+        yield
+    except AbbeError as error:
+        if language.say(error.sentence) == str(error):
+            raise
+        raise AbbeError(language.say(error.sentence)) from error
 
 
 def calibrate(
@@ -65,7 +82,7 @@ def calibrate(
     An example: abbe calibrate cmm.toml --time 4h --tool P=0,0,-150
     """
     from abbe.compcore.artefacts.permissible import PermissibleError
-    from abbe.compcore.errors import AbbeError, InputError
+    from abbe.compcore.errors import InputError
     from abbe.compcore.sentences import said
     from abbe.daemon.arguments.measurements.tolerances import tolerances_of
     from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
@@ -100,9 +117,13 @@ def calibrate(
         )
 
     def ask(question: str, *, default: bool = True) -> bool:
-        return default if yes else typer.confirm(spoken.say(question), default=default)
+        try:
+            return default if yes else typer.confirm(spoken.say(question), default=default)
+        except typer.Abort:
+            typer.echo("\n" + spoken.say(said("stopped; the same command goes on here")))
+            raise typer.Exit(1) from None
 
-    with printed_in(spoken):
+    with printed_in(spoken), _failing_in(spoken):
         if not lead(request, typer.echo, ask, upto):
             return
         outcome = outcome_of(request)

@@ -43,6 +43,7 @@ def begun(
     yes: bool,
     once: bool,
     active: Path | None = None,
+    conditions: Mapping[str, str] | None = None,
 ) -> Iterator[Measurement | ProbedMeasurement]:
     """A measurement that is ready to run; what it holds is given back with the context.
 
@@ -50,6 +51,8 @@ def begun(
     ----------
     active
         The model whose compensation acts, in place of what the configuration says.
+    conditions
+        What the campaign's head says beside those of the configuration, which count before these.
 
     Raises
     ------
@@ -103,7 +106,9 @@ def begun(
         else:
             now = datetime.now(UTC)
             when = {"plan": str(plan), "started": now.isoformat()}
-            top = head(machine, setups, limits.conditions, origin | when, now)
+            top = head(
+                machine, setups, {**(conditions or {}), **limits.conditions}, origin | when, now
+            )
             file = GrowingCampaign.begin(out, top, titles)
         held.callback(file.close)
         torn = course.replay(file.rows, out)

@@ -5,24 +5,32 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 
 import typer
 
+from abbe.compcore.sentences import Sentence, said
 from abbe.daemon.measure.events import MeasureEvent, Tell, minutes
 
 
 @contextmanager
-def telling(*, as_json: bool) -> Iterator[Tell]:
-    """What tells a person, on standard output, what happens, while the context lasts."""
+def telling(*, as_json: bool, say: Callable[[str], str] = str) -> Iterator[Tell]:
+    """What tells a person, on standard output, what happens, while the context lasts.
+
+    Parameters
+    ----------
+    say
+        Gives a text in the language of who reads it.
+    """
     if as_json:
         yield _json
     elif sys.stdout.isatty():
-        with _bar() as tell:
+        with _bar(say) as tell:
             yield tell
     else:
-        yield _line
+        yield partial(_line, say)
 
 
 def _json(event: MeasureEvent) -> None:
@@ -31,16 +39,21 @@ def _json(event: MeasureEvent) -> None:
     sys.stdout.flush()
 
 
-def _line(event: MeasureEvent) -> None:
+def _line(say: Callable[[str], str], event: MeasureEvent) -> None:
     left = event.about.get("left_s")
     progress = f"[{event.about.get('done', 0)}/{event.about.get('of', 0)}] "
-    more = f", about {minutes(float(left))} left" if event.kind == "next" and left else ""
-    typer.echo(progress + event.text + more)
+    more = f", {say(_left(left))}" if event.kind == "next" and left else ""
+    typer.echo(progress + say(event.text) + more)
     sys.stdout.flush()
 
 
+def _left(seconds: object) -> Sentence:
+    """What a time that is left is called."""
+    return said("about {time} left", time=minutes(float(str(seconds))))
+
+
 @contextmanager
-def _bar() -> Iterator[Tell]:
+def _bar(say: Callable[[str], str]) -> Iterator[Tell]:
     from rich.console import Console
     from rich.markup import escape
     from rich.progress import BarColumn, Progress, TextColumn
@@ -61,14 +74,14 @@ def _bar() -> Iterator[Tell]:
                 task,
                 completed=event.about.get("done", 0),
                 total=event.about.get("of", 1),
-                left="" if left is None else f"about {minutes(float(left))} left",
+                left="" if left is None else say(_left(left)),
             )
             if event.kind == "next":
-                bar.update(task, description=escape(event.text))
+                bar.update(task, description=escape(say(event.text)))
                 return
             colour = {"row": "", "repeated": "", "done": "green", "set up": "bold cyan",
                       "back": "green"}.get(event.kind, "yellow")  # fmt: skip
-            text = escape(event.text)
+            text = escape(say(event.text))
             with contextlib.suppress(OSError):
                 console.print(f"[{colour}]{text}[/]" if colour else text, highlight=False)
 

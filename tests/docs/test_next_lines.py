@@ -75,7 +75,8 @@ def test_a_plan_becomes_a_program_as_the_page_says(
     text = (DOCS / "measure.md").read_text("utf-8")
     gauge_measuring.write_files(tmp_path, 1, BLOCK)
     run("abbe plan model.toml --instruments laser --time 1h -o plan.toml")
-    (programming,) = typed(text, "program")
+    programming, touching = typed(text, "program")
+    assert "--sphere" in touching  # test_programs_touching.py runs it
     run(programming)
     assert (tmp_path / "plan.nc").stat().st_size > 0
 

@@ -217,7 +217,7 @@ def test_a_ball_that_is_not_there_is_left_out_where_that_is_wanted(
     config = folder / "config.toml"
     config.write_text(config.read_text("utf-8") + 'missed = "leave out"\n', encoding="utf-8")
     process.order("gone", ball=4)
-    with pytest.raises(AbbeError, match="1 of 10 targets are not measured"):
+    with pytest.raises(AbbeError, match="1 of 10 targets is not measured"):
         measured(folder)
     assert campaign_of(folder).n == 27
     assert rms(off_the_truth(process, folder)) < NOISE_UM

@@ -38,6 +38,15 @@ def out_of(offset: Sequence[float]) -> F64:
     return unit([0.0, 0.0, 1.0]) if far == 0.0 else -np.asarray(offset) / far
 
 
+def post_of(machine: Machine, offset: Sequence[float]) -> F64:
+    """The direction to which a sphere looks out of its post, unit vector, rotary axes at 0.
+
+    It stands upright on the rotary table, else against the tool.
+    """
+    carriers = [a for a in machine.structure.rotary if a in machine.structure.workpiece_side]
+    return unit(machine.axes[carriers[0]].direction) if carriers else out_of(offset)
+
+
 def hindered(
     machine: Machine,
     targets: Mapping[str, F64],
@@ -63,9 +72,9 @@ def hindered(
     """
     n = len(next(iter(targets.values())))
     tools = np.tile(np.asarray(offset, dtype=np.float64), (n, 1))
-    post = out_of(offset)
+    post, out = post_of(machine, offset), out_of(offset)
     chain = Chain(machine, Conditions(dict(targets), tool=tools))
-    shafts = chain.orientation @ post
+    shafts = chain.orientation @ out
     lean = np.arccos(np.clip(shafts @ post, -1.0, 1.0))
     carriers = [a for a in machine.structure.rotary if a in machine.structure.workpiece_side]
     disc = table > 0.0 and bool(carriers)
@@ -88,7 +97,7 @@ def hindered(
                 at |= {a: np.roll(at[a], shift) for a in "XYZ" if a in at}
                 at[back[0]] = np.full(n, back[1])
             seen = Chain(machine, Conditions(at, tool=tools))
-            along = seen.orientation @ post
+            along = seen.orientation @ out
             more = _ABOUT if shift is None else 0.0
             start = radius + more if shift is None else 0.0
             for s in np.arange(start, length, _STEP):
@@ -112,7 +121,7 @@ def room_about(
     n = len(next(iter(targets.values())))
     tools = np.tile(np.asarray(offset, dtype=np.float64), (n, 1))
     chain = Chain(machine, Conditions(dict(targets), tool=tools))
-    over = _OVER * chain.to_machine_axes(np.tile(out_of(offset), (n, 1)))
+    over = _OVER * chain.to_machine_axes(np.tile(post_of(machine, offset), (n, 1)))
     room = np.ones(n, dtype=np.bool_)
     for k, axis in enumerate("XYZ"):
         low, high = machine.axes[axis].travel

@@ -15,6 +15,7 @@ from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.probing.room import post_of
 from abbe.compcore.planning.probing.touches import unit
 
 F64 = NDArray[np.float64]
@@ -43,8 +44,9 @@ class StandingSphere:
     offset
         Of the tip from the axes' positions, mm.
     post
-        The direction to which it looks out of its post with rotary axes at 0, and in which the
-        stylus's shaft then goes from the tip.
+        The direction to which it looks out of its post with rotary axes at 0.
+    shaft
+        The direction from the tip to the probe, likewise.
     point
         Its middle, (3,), workpiece's frame, mm.
     radius
@@ -52,9 +54,15 @@ class StandingSphere:
     """
 
     def __init__(
-        self, machine: Machine, offset: F64, post: F64, point: F64, radius: float | None = None
+        self,
+        machine: Machine,
+        offset: F64,
+        post: F64,
+        shaft: F64,
+        point: F64,
+        radius: float | None = None,
     ) -> None:
-        self._machine, self._offset, self._post = machine, offset, post
+        self._machine, self._offset, self._post, self._shaft = machine, offset, post, shaft
         self.point = point
         self.radius = radius
 
@@ -78,7 +86,8 @@ class StandingSphere:
                 found=f"targets {beside:.3f} mm off their mean on the table",
                 expected="a plan by abbe plan --instruments sphere",
             )  # fmt: skip
-        return cls(machine, np.asarray(setup.offset), unit(shaft), points.mean(axis=0))
+        post = post_of(machine, setup.offset)
+        return cls(machine, np.asarray(setup.offset), post, unit(shaft), points.mean(axis=0))
 
     def at(self, angles: Mapping[str, float]) -> F64:
         """Its middle as the tip counts, (3,), mm, with rotary axes (rad) at some angles."""
@@ -93,7 +102,7 @@ class StandingSphere:
     def shaft(self, angles: Mapping[str, float]) -> F64:
         """The direction from the tip to the probe, unit vector, machine axes: a head turns it."""
         chain = self._chain({**self.axes(angles)})
-        return np.asarray(chain.to_machine_axes(chain.orientation @ self._post)[0])
+        return np.asarray(chain.to_machine_axes(chain.orientation @ self._shaft)[0])
 
     def axes(self, angles: Mapping[str, float]) -> dict[str, float]:
         """Where the controller has all axes when the tip is in its middle, mm and rad."""
@@ -104,7 +113,7 @@ class StandingSphere:
     def found(self, angles: Mapping[str, float], centre: F64, radius: float) -> StandingSphere:
         """The sphere where it was found."""
         point = self._measured(angles, centre)
-        return StandingSphere(self._machine, self._offset, self._post, point, radius)
+        return StandingSphere(self._machine, self._offset, self._post, self._shaft, point, radius)
 
     def require_near(self, other: StandingSphere, placing: float) -> None:
         """Refuse a sphere that stands elsewhere.

@@ -109,7 +109,7 @@ def axis_lines(
         count = targets or max(5, int(np.ceil(share * (task.count(axis) - 1))) + 1)
         for parts in places:
             ends, place = through(task, axis, parts, part)
-            for u, words, kind, free in _readings(instrument, axis):
+            for u, words, kind, free in _readings(instrument, axis, task.machine.structure.upright):
                 tools = task.tools if kind == Kind.DISPLACEMENT else list(task.tools)[:1]
                 for tool in tools:
                     beside = f", tool {tool}" if len(task.tools) > 1 else ""
@@ -120,7 +120,7 @@ def axis_lines(
 
 
 def _readings(
-    instrument: PlannedInstrument, axis: str
+    instrument: PlannedInstrument, axis: str, upright: str
 ) -> Iterator[tuple[F64, str, Kind, tuple[str, ...]]]:
     own = own_component(axis)
     others = [k for k in "XYZ" if k != own]
@@ -139,7 +139,8 @@ def _readings(
         for k in others:
             yield unit[k], f"angle of {axis} about {k}", Kind.ROTATION, ("zero",)
     elif instrument.key == "level":
-        for k in "XY":
+        # they show tilts about what lies; of a lathe's slant bed nobody knows what does
+        for k in "XYZ".replace(upright, "") if upright else "":
             yield unit[k], f"angle of {axis} about {k}", Kind.ROTATION, ("zero",)
 
 

@@ -268,11 +268,16 @@ def _live(
 def _measure(request: CalibrationRequest, plan_file: Path, out: Path, active: Path | None) -> None:
     from abbe.daemon.commands.measurements.measure import run
     from abbe.daemon.measure.show import telling
+    from abbe.daemon.report.language import ENGLISH, language
 
     if request.uploads:
         require_acting(request.configuration, active)
-    with telling(as_json=request.as_json) as tell:
-        run(plan_file, request.config, out, (), tell, yes=request.yes, once=False, active=active)
+    say = language(request.language or ENGLISH).say
+    with telling(as_json=request.as_json, say=say) as tell:
+        run(
+            plan_file, request.config, out, (), tell, yes=request.yes, once=False, active=active,
+            conditions={"feed": f"{request.feed:g} mm/min"} if request.controller else {},
+        )  # fmt: skip
 
 
 def _tool(tools: Sequence[str]) -> str:

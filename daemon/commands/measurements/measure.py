@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -67,8 +68,14 @@ def run(
     yes: bool,
     once: bool,
     active: Path | None = None,
+    conditions: Mapping[str, str] | None = None,
 ) -> None:
     """Measure a plan, as the command does.
+
+    Parameters
+    ----------
+    conditions
+        What the campaign's head says beside those of the configuration, which count before these.
 
     Raises
     ------
@@ -82,6 +89,7 @@ def run(
     from abbe.daemon.measure.beginning import begun
     from abbe.daemon.measure.ending import missing_words, run_until_ended
 
-    with begun(plan, config, out, names, tell, yes=yes, once=once, active=active) as measurement:
+    with begun(plan, config, out, names, tell, yes=yes, once=once, active=active,
+               conditions=conditions) as measurement:  # fmt: skip
         asyncio.run(run_until_ended(measurement))
         missing_words(measurement, tell, once=once)

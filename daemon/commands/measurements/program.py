@@ -64,7 +64,7 @@ def program(
     from abbe.compcore.planning.probing.touching import Touching, touching_steps
     from abbe.daemon.arguments.plan_arguments import place_of
     from abbe.daemon.outputs import PROGRAM, TARGETS, check_outputs
-    from abbe.drivers.programs.dialect import LOG, targets_csv
+    from abbe.drivers.programs.dialect import targets_csv
     from abbe.drivers.programs.dialects import dialect_called
 
     named = model_of(plan) if model is None else model
@@ -115,6 +115,6 @@ def program(
         )
     )  # fmt: skip
     if balls:
-        say(said("each touch in {file}: abbe import-campaign --as probed", file=LOG))
+        say(said("what it writes of its touches: abbe import-campaign --as probed"))
     say(said("before it runs: warm up, tool in, way back free; try it above the machine first"))
     say(said("written: {files}", files=", ".join(map(str, contents))))

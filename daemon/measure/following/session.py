@@ -173,6 +173,7 @@ class Measurement:
         if instrument.restarts != self._restarts:
             self._restarts = instrument.restarts
             self._taking.restarted()
+            self._taking.unproven(instrument)
         if instrument.interruptions != self._interruptions:
             self._interruptions = instrument.interruptions
             if instrument.section.loses_zero:
@@ -209,6 +210,8 @@ class Measurement:
             setup=course.setup.name,
             missing=len(course.here.left) if again else 0,
         )
+        if again:
+            self._taking.unproven(self._instrument)
         if again and self._instrument.section.loses_zero:
             self._zero.renew = True
             self._taking.anew = course.begin_anew() or self._taking.anew

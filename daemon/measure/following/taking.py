@@ -83,6 +83,21 @@ class TargetTaking:
         if not self._nudge.follows:
             self._nudge.forget()
 
+    def unproven(self, instrument: Instrument) -> None:
+        """Say that nothing shows whether an instrument is what it was, where nothing does.
+
+        Without a nudge nobody but a person sees that its sign or unit is another one now.
+        """
+        setup = self._course.setup
+        blind = instrument.section.reads == "error" and not self._nudge.wanted(setup)
+        if not blind or not self._course.here.begun:
+            return
+        self._news.event(
+            "note",
+            f"{instrument.name} was left alone, and nothing here shows whether its sign and unit "
+            "are what they were: look whether it reads the same at a target that was read before",
+        )
+
     def nudging(self, visit: int) -> bool:
         """Whether a stand at a visit may be one of the nudge."""
         return self._nudge.awaited(self._course.setup, int(self._course.here.order[visit]))
