@@ -35,8 +35,8 @@ class Overlap:
     rows
         Rows of the second that stand in the first too: same place, value and signals. Rows of the
         first that agree among themselves, as coarse readings of one place do, prove nothing: unless
-        most rows stand there once, they are in both only at the same time; without a clock, only
-        where all are.
+        most rows stand there once, they are in both only at the same time, where most of those read
+        then and there agree; without a clock, only where all are.
     of
         Rows of the second.
     setups
@@ -92,7 +92,12 @@ def _rows_in_both(fitted: Campaign, unseen: Campaign, points: F64, others: F64) 
     if not (fitted.clocked and unseen.clocked):
         copied = all(count <= times[row] for row, count in Counter(rows).items())
         return len(rows) if copied else 0
-    return sum(moment in at for moment in _keys(np.column_stack([again, two.time])))
+    same = sum(moment in at for moment in _keys(np.column_stack([again, two.time])))
+    # a run at the same times of its own clock agrees by chance where readings are coarse
+    but_for_values = [np.column_stack([p, c.time]) for p, c in ((points, one), (others, two))]
+    moments = set(_keys(but_for_values[0]))
+    met = sum(moment in moments for moment in _keys(but_for_values[1]))
+    return same if 2 * same > met else 0
 
 
 def _same_placing(fitted: Campaign, unseen: Campaign, name: str, axes: list[str]) -> bool:
@@ -133,10 +138,19 @@ def met_again(fitted: Campaign, unseen: Campaign, near: float, most: int = 1) ->
         size[2 * len(axes) : 2 * len(axes) + 3] = near
         return np.asarray(points / size)
 
-    _, which = cKDTree(scaled(fitted)).query(
-        scaled(unseen), k=np.arange(1, most + 1), p=np.inf, distance_upper_bound=1.0 + 1e-9
+    # places read a thousand times stand in the tree once, which cannot part what is equal
+    known, of_known = np.unique(scaled(fitted), axis=0, return_inverse=True)
+    asked, of_asked = np.unique(scaled(unseen), axis=0, return_inverse=True)
+    order = np.argsort(of_known.reshape(-1), kind="stable")
+    read = np.split(order, np.cumsum(np.bincount(of_known.reshape(-1)))[:-1])
+    _, which = cKDTree(known).query(
+        asked, k=np.arange(1, most + 1), p=np.inf, distance_upper_bound=1.0 + 1e-9
     )
-    return [row[row < fitted.n] for row in np.asarray(which)]
+    met = [
+        np.concatenate([order[:0], *(read[place][:most] for place in own if place < len(read))])
+        for own in np.asarray(which)
+    ]
+    return [met[place][:most] for place in of_asked.reshape(-1)]
 
 
 def _points(campaign: Campaign, axes: list[str]) -> F64:
