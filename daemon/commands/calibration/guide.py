@@ -99,10 +99,9 @@ def _through(
     for number in range(1, len(names) + 1):
         # anew: a step may hang on what came out of those before it
         step = list(steps_of(request, state, say, ask))[number - 1]
-        title = said(
-            "{number}/{all} {step}: {what}",
-            number=number, all=len(names), step=step.name, what=as_it_stands(step.title),
-        )  # fmt: skip
+        # its name as --upto takes it, in every language
+        which = f"{number}/{len(names)} {step.name}"
+        title = said("{step}: {what}", step=which, what=as_it_stands(step.title))
         if state.done(step.name, step.made_from, step.makes, step.settings):
             say(said("{title}: done {at}", title=title, at=at_the_wall(state.steps[step.name].at)))
         else:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -27,6 +28,8 @@ pytestmark = [pytest.mark.integration, pytest.mark.calibration, pytest.mark.time
 DIAMETER = 25.0
 ASIDE = np.array([0.6, -0.9, 0.7])
 """mm by which the sphere stands off the plan."""
+LONGEST = 600.0
+"""s for a program to come to its end."""
 SPACE = WorkingSpace(radius=20.0, table=110.0)
 STRUCTURES = {"trunnion": "w C' A' b X Y Z t", "fork": "w b X Y Z C A t"}
 LINES = {
@@ -79,6 +82,28 @@ def write_files(folder: Path, kind: str) -> list[PlannedSetup]:
     return chosen
 
 
+def shown_and_off(
+    meets: Callable[..., tuple[float, float, float]],
+    start: np.ndarray,
+    a: np.ndarray,
+    c: np.ndarray,
+    values: np.ndarray,
+) -> tuple[float, float]:
+    """How much rows (n, 3), mm, show, and how far they are off the truth, rms, µm."""
+    poses = list(zip(a, c, strict=True))
+    really = np.array([meets(start, *x) for x in poses])
+    believed = np.array([meets(start, *x, 0.0) for x in poses])
+    left = values - (believed - says(really))
+    # where it stands is free: a place that goes with the table
+    places = np.concatenate([
+        np.stack([np.subtract(meets(start + e, *x, 0.0), meets(start, *x, 0.0))
+                  for e in np.eye(3)], axis=1)
+        for x in poses
+    ])  # fmt: skip
+    aside, *_ = np.linalg.lstsq(places, left.ravel(), rcond=None)
+    return rms(1e3 * (values - values.mean())), rms(1e3 * (left.ravel() - places @ aside))
+
+
 @pytest.mark.parametrize("kind", ["trunnion", "fork"])
 def test_a_sphere_touched_at_every_tilt_shows_how_the_machine_turns(
     kind: str, tmp_path: Path
@@ -99,24 +124,50 @@ def test_a_sphere_touched_at_every_tilt_shows_how_the_machine_turns(
             c = read_campaign(campaigns[-1], machine)
             a, turn = (np.degrees(c.conditions.positions[x][::3]) for x in "AC")
             leans.append(float(np.abs(a).max()))
-            really = np.array([meets(start, *x) for x in zip(a, turn, strict=True)])
-            believed = np.array([meets(start, *x, 0.0) for x in zip(a, turn, strict=True)])
-            left = c.value.reshape(-1, 3) - (believed - says(really))
-            # where it stands is free: a place that goes with the table
-            places = np.concatenate([
-                np.stack([np.subtract(meets(start + e, *x, 0.0), meets(start, *x, 0.0))
-                          for e in np.eye(3)], axis=1)
-                for x in zip(a, turn, strict=True)
-            ])  # fmt: skip
-            aside, *_ = np.linalg.lstsq(places, left.ravel(), rcond=None)
-            off = 1e3 * (left.ravel() - places @ aside)
-            shown = 1e3 * (c.value.ravel() - c.value.mean())
-            print(f"{kind} {setup.name}: {rms(shown):.1f} µm shown, {rms(off):.2f} µm off")
-            assert rms(shown) > 15.0
-            assert rms(off) < LATE_UM
+            shown, off = shown_and_off(meets, start, a, turn, c.value.reshape(-1, 3))
+            print(f"{kind} {setup.name}: {shown:.1f} µm shown, {off:.2f} µm off")
+            assert shown > 15.0
+            assert off < LATE_UM
     assert max(leans) > 50.0
     done = abbe("fit", tmp_path / "model.toml", *campaigns, "-o", tmp_path / "fitted.toml")
     assert done.status == 0, done.err
     done = abbe("verify", tmp_path / "fitted.toml", *campaigns)
     assert done.status == 0, done.err
     assert done.out.count("fitted (") == 2
+
+
+def test_a_program_that_touches_is_run_and_its_file_imported(tmp_path: Path) -> None:
+    """No link: `abbe program`, LinuxCNC runs it, `abbe import-campaign`."""
+    setup = write_files(tmp_path, "trunnion")[0]
+    program, campaign = tmp_path / "p.ngc", tmp_path / "c.csv"
+    done = abbe("program", tmp_path / "plan.toml", "--controller", "linuxcnc", "--sphere",
+                str(DIAMETER), "--tip", str(TIP), "--setup", setup.name, "-o", program)  # fmt: skip
+    assert done.status == 0, done.err
+    lines = program.read_text("ascii").splitlines()
+    start = np.array(setup.optics["the sphere stands"]) + ASIDE
+    with TouchingMill(DIAMETER, "AC", "trunnion") as mill:
+        mill.stand(start)
+        mill.order("load", str(program))
+        assert mill.order("run") == []
+        until, resumed = time.monotonic() + LONGEST, False
+        while True:
+            time.sleep(0.2)
+            assert time.monotonic() < until
+            idle, rests, line = mill.state()
+            if idle and line > lines.index("M0") + 2:
+                break
+            if rests and not resumed and abs(line - lines.index("M0")) < 3:
+                resumed = mill.order("resume") == []
+        assert mill.order("mdi", "G4 P0") == []
+        text = (mill.folder / "probed.csv").read_text("ascii")
+    (tmp_path / "probed.csv").write_text(text, encoding="ascii")
+    done = abbe("import-campaign", tmp_path / "probed.csv", "--as", "probed", "--model",
+                tmp_path / "model.toml", "--tool", "0,0,-100", "-o", campaign)  # fmt: skip
+    assert done.status == 0, done.err
+    c = read_campaign(campaign, load_model(tmp_path / "model.toml").machine)
+    a, turn = (np.degrees(c.conditions.positions[x][: c.n // 3]) for x in "AC")
+    values = c.value.reshape(3, -1).T
+    shown, off = shown_and_off(artefact.trunnion, start, a, turn, values)
+    print(f"program: {shown:.1f} µm shown, {off:.2f} µm off")
+    assert shown > 15.0
+    assert off < LATE_UM

@@ -62,6 +62,8 @@ def state():
     s.poll()
     rests = s.inpos and s.queue == 0 and s.exec_state != linuxcnc.EXEC_WAITING_FOR_DELAY
     return s.interp_state == linuxcnc.INTERP_IDLE, bool(rests), s.motion_line
+def run(): c.auto(linuxcnc.AUTO_RUN, 0)
+def resume(): c.auto(linuxcnc.AUTO_RESUME)
 def abort(): c.abort(); done()
 def feed(scale): c.feedrate(scale); done()
 print(json.dumps({"ready": True}), file=out)
