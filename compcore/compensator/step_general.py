@@ -39,7 +39,7 @@ from abbe.compcore.compensator.scalar import (
     scalar_products,
 )
 from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, SPINDLE, WORKPIECE, ErrorMotion
-from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.kinematics import Chain, moved_along
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Composition
 
@@ -101,6 +101,8 @@ class _Stage(NamedTuple):
         Indices of the place's six error motions, −1 where it has none; None: it has none at all.
     letter
         0, 1, 2 for the axes X, Y, Z that carry corrections, else −1.
+    along
+        Whether the errors before it turn its linear error motions (`moved_along`).
     """
 
     kind: str
@@ -110,6 +112,7 @@ class _Stage(NamedTuple):
     first: bool = False
     motions: tuple[int, ...] | None = None
     letter: int = -1
+    along: bool = False
 
 
 def stages_of(machine: Machine, error_motions: Sequence[ErrorMotion]) -> list[_Stage]:
@@ -123,6 +126,7 @@ def stages_of(machine: Machine, error_motions: Sequence[ErrorMotion]) -> list[_S
         return tuple(found) if max(found) >= 0 else None
 
     structure = machine.structure
+    along = moved_along(machine)
     stages = [_Stage("place", motions=six(WORKPIECE))]
     for index, name in enumerate(structure.axes):
         if index == len(structure.workpiece_side):
@@ -131,24 +135,29 @@ def stages_of(machine: Machine, error_motions: Sequence[ErrorMotion]) -> list[_S
         if axis.rotary:
             on_workpiece = name in structure.workpiece_side
             stages.append(
-                _Stage("rotary", index, axis.direction, axis.location, on_workpiece, six(name))
-            )
+                _Stage(
+                    "rotary", index, axis.direction, axis.location, on_workpiece, six(name),
+                    along=True,
+                )
+            )  # fmt: skip
         else:
             before = machine.own_move_in_lever(name)
             letter = "XYZ".find(name)
             stages.append(
                 _Stage(
-                    "linear", index, axis.direction, axis.rotation_point, before, six(name), letter
+                    "linear", index, axis.direction, axis.rotation_point, before, six(name), letter,
+                    name in along,
                 )
-            )
+            )  # fmt: skip
     if not structure.tool_side:
         stages.append(_Stage("bed"))
-    return [*stages, _Stage("place", motions=six(SPINDLE))]
+    return [*stages, _Stage("place", motions=six(SPINDLE), along=SPINDLE in along)]
 
 
-Visit = tuple[tuple[int, ...], Nine, float, float, float]
+Visit = tuple[tuple[int, ...], Nine, float, float, float, bool]
 """A place that errs: indices of its six error motions, the orientation of the frame in which they
-are given, and the point about which its angles turn."""
+are given, the point about which its angles turn, and whether errors before it turn its linear
+ones."""
 
 
 def walk(
@@ -163,7 +172,7 @@ def walk(
     carried = [IDENTITY, IDENTITY, IDENTITY]
     visits: list[Visit] = []
     sx = sy = sz = 0.0
-    for kind, axis, direction, point, first, six, letter in stages:
+    for kind, axis, direction, point, first, six, letter, along in stages:
         frame = turn
         if kind == "linear":
             q = positions[axis]
@@ -200,7 +209,7 @@ def walk(
         else:
             cx, cy, cz = sx, sy, sz
         if six is not None:
-            visits.append((six, frame, cx, cy, cz))
+            visits.append((six, frame, cx, cy, cz, along))
     return visits, turn, sx, sy, sz, bed, carried
 
 
@@ -209,7 +218,7 @@ def _first_order(
 ) -> tuple[float, float, float, Nine]:
     """The error at the functional point, ``Σ t + ω × (P − O)``, and by what the tool is turned."""
     ex = ey = ez = wx = wy = wz = 0.0
-    for (i, j, k, a, b, c), frame, cx, cy, cz in visits:
+    for (i, j, k, a, b, c), frame, cx, cy, cz, _ in visits:
         tx, ty, tz, ax, ay, az = v[i], v[j], v[k], v[a], v[b], v[c]
         if frame is not IDENTITY:
             tx, ty, tz = apply(frame, tx, ty, tz)
@@ -234,12 +243,14 @@ def _exact(
     """The error at the functional point and of the tool's orientation, with full rotations."""
     ex = ey = ez = ox = oy = oz = 0.0
     turned = IDENTITY
-    for (i, j, k, a, b, c), frame, cx, cy, cz in visits:
+    for (i, j, k, a, b, c), frame, cx, cy, cz, along in visits:
         tx, ty, tz = v[i], v[j], v[k]
         local = about_xyz(v[a], v[b], v[c])
         if frame is not IDENTITY:
             tx, ty, tz = apply(frame, tx, ty, tz)
             local = product(product(frame, local), transposed(frame))
+        if along and turned is not IDENTITY:
+            tx, ty, tz = apply(turned, tx, ty, tz)
         dx, dy, dz = shifted(turned, cx - ox, cy - oy, cz - oz)
         ex += tx + dx
         ey += ty + dy

@@ -346,10 +346,11 @@ def first_order(chain: Chain, motions: Mapping[ErrorMotion, F64]) -> tuple[F64, 
 def exact(chain: Chain, motions: Mapping[ErrorMotion, F64]) -> tuple[F64, F64]:
     """Error at the functional point with full rotations, composed along the chain.
 
-    At each place in turn, from workpiece to tool: the linear error motions are added in nominal
-    axes, the rotations ``Rx·Ry·Rz`` join those of the places before, and the accumulated rotation
-    acts on the nominal vector to the next place: ``sum += R·v − v``. With linear axes only this
-    is how compensation maps are applied, step for step.
+    At each place in turn, from workpiece to tool: the linear error motions are added, the rotations
+    ``Rx·Ry·Rz`` join those of the places before, and the accumulated rotation acts on the nominal
+    vector to the next place: ``sum += R·v − v``. Linear error motions count in nominal axes, as
+    compensation maps have them, step for step; those of rotary axes, and of what a rotary axis
+    carries, are turned by the rotations before them, as bodies are (`moved_along`).
 
     Returns
     -------
@@ -376,10 +377,12 @@ def exact_steps(
         if error_motion.place != INSTRUMENT:
             by_place.setdefault(error_motion.place, {})[error_motion.component] = value
     zero = np.zeros(n)
+    along = moved_along(chain.machine)
     for i, place in enumerate(places):
         own = by_place[place]
         linear = np.stack([own.get(k, zero) for k in "XYZ"], axis=1)
-        total = total + _into_machine(chain, place, linear)
+        linear = _into_machine(chain, place, linear)
+        total = total + (moved_by(turned, linear) if place in along else linear)
         steps.append((f"L of {place}", total))
         if any(k in own for k in "ABC"):
             local = rotation_xyz(*(own.get(k, zero) for k in "ABC"))
@@ -394,6 +397,21 @@ def exact_steps(
         total = total + np.stack([own.get(k, zero) for k in "XYZ"], axis=1)
         steps.append(("at the functional point", total))
     return total, turned, steps
+
+
+def moved_along(machine: Machine) -> frozenset[str]:
+    """Places whose linear error motions are turned by the errors before them, composed in full.
+
+    Rotary axes, and what one of them carries towards the tool. An arm's elbow that lies 10 mm
+    elsewhere on a shoulder that stands 30 mrad elsewhere lies 0.3 mm elsewhere again. For a linear
+    axis that no rotary axis carries a compensation map says otherwise: nominal axes.
+    """
+    structure = machine.structure
+    rotary = [a for a in structure.axes if machine.axis(a).rotary]
+    on_tool = [a in rotary for a in structure.tool_side]
+    if True not in on_tool:
+        return frozenset(rotary)
+    return frozenset([*rotary, *structure.tool_side[on_tool.index(True) :], SPINDLE])
 
 
 def _into_machine(chain: Chain, place: str, vector: F64) -> F64:

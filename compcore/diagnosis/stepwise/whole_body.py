@@ -58,7 +58,7 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     growing.progress("all error motions of the linear axes")
     if growing.better(grown(growing.last.result.model, body)[-1][0], body, 1.0 - WORTH) is None:
         return False
-    kept = _worth_it(growing, body)
+    kept = worth_it(growing, body)
     more = grown(growing.last.result.model, kept)
     found = growing.better(more[-1][0], [one for _, one in more], 1.0 - WORTH)
     if found is None:
@@ -68,8 +68,11 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     return True
 
 
-def _worth_it(growing: GrowingModel, body: list[Effect]) -> list[Effect]:
-    """Those without which left-out blocks are foretold worse, the least worth taken out first."""
+def worth_it(growing: GrowingModel, body: list[Effect]) -> list[Effect]:
+    """Those of some effects without which left-out blocks are foretold worse.
+
+    All are fitted beside the model; then the least worth is taken out first.
+    """
     before = growing.last.result.model
     kept = list(body)
     now = fit(grown(before, kept)[-1][0], growing.campaign, near=True)

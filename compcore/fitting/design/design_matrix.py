@@ -3,14 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.effects.base import Effect, ErrorMotion, Motion
+from abbe.compcore.fitting.design.find_frames import turned_frames
+from abbe.compcore.fitting.design.nuisance import SetupNuisances, setup_blocks
 from abbe.compcore.fitting.design.observation import Observation
 from abbe.compcore.fitting.design.prepared_rows import PreparedRows
 from abbe.compcore.fitting.design.row_blocks import rows_at_once
+from abbe.compcore.fitting.design.turned_frames import Seen, TurnedFrames
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -87,8 +91,49 @@ class Problem(PreparedRows):
             return observation
         key = theta.tobytes()
         if self._tangent is None or self._tangent[0] != key:
-            self._tangent = (key, observation.tangent(self.error_motions(theta)))
+            motions, frames = self.error_motions(theta), self.frames(theta)
+            self._tangent = (key, observation.tangent(motions, frames))
         return self._tangent[1]
+
+    def frames(self, theta: F64) -> TurnedFrames | None:
+        """How set-ups' instruments stand in full; None where errors add up, or none is free."""
+        if self.model.composition == "first-order" or not self.framed:
+            return None
+        key = theta.tobytes()
+        if self._frames is None or self._frames[0] != key:
+            self._frames = (key, self._stand(theta))
+        return self._frames[1]
+
+    def _stand(self, theta: F64) -> TurnedFrames | None:
+        blocks = super().setups(theta)
+        step = 1 + self.n // rows_at_once(self.layout.size + 1)
+        if step == 1:
+            return turned_frames(self.campaign, self.weight, blocks, self._sights(theta))
+        few = super().part(np.arange(0, self.n, step), theta).frames(theta)
+        return None if few is None else few.on([(b.setup, b.rows) for b in blocks], self.n)
+
+    def _sights(self, theta: F64) -> Seen:
+        return self.observation(theta).seen(self.error_motions(theta), self.campaign.value)
+
+    def part(self, rows: Index, theta: F64) -> Self:
+        """The problem of some of the rows with the same unknowns; keeps nothing of this one."""
+        other = super().part(rows, theta)
+        frames = self.frames(theta)
+        if frames is not None:
+            other._frames = (theta.tobytes(), frames.rows(rows))
+        return other
+
+    def setups(self, theta: F64) -> list[SetupNuisances]:
+        """The nuisance columns of each set-up, unweighted, where its instrument stands."""
+        frames = self.frames(theta)
+        if frames is None:
+            return super().setups(theta)
+        if self._turned is None or self._turned[0] is not frames:
+            placed = frames.placed(self._sights(theta).actual)
+            rows = [(b.setup, b.rows) for b in super().setups(theta)]
+            found = setup_blocks(self.campaign, self.observation(theta), rows, placed)
+            self._turned = (frames, found)
+        return self._turned[1]
 
     def _stack(self, observation: Observation, motions: tuple[Motion, ...], count: int) -> F64:
         if len(motions) == 1 and motions[0].columns.shape[1] == count:
@@ -218,13 +263,15 @@ class Problem(PreparedRows):
             for at in range(0, self.n, most):
                 rows = np.arange(at, min(at + most, self.n))
                 part = self.part(rows, theta)
-                values = part.observation(theta).values(
-                    part.error_motions(theta), self.model.composition
-                )
-                out[rows] = values
+                out[rows] = part._values(theta)
             return out
-        observation = self.observation(theta)
-        return observation.values(self.error_motions(theta), self.model.composition)
+        return self._values(theta)
+
+    def _values(self, theta: F64) -> F64:
+        motions = self.error_motions(theta)
+        return self.observation(theta).values(
+            motions, self.model.composition, self.frames(theta)
+        )
 
     def residual(self, theta: F64) -> F64:
         """Weighted measured − predicted, set-ups' nuisances not yet taken out, shape (n,)."""

@@ -70,20 +70,26 @@ def setup_blocks(
     campaign: Campaign,
     observation: Observation | None,
     rows: Sequence[tuple[str, Index]] | None = None,
+    placed: F64 | None = None,
 ) -> list[SetupNuisances]:
     """One block for each set-up of a campaign, also those that leave nothing unknown.
 
     `observation` (all rows) is needed where a set-up leaves its frame unknown; `rows` are those of
-    `rows_of_setups`, where they are known.
+    `rows_of_setups`, where they are known; `placed` (n, 3) are the points as the instruments see
+    them, mm, where these are turned (`turned_frames`), else the machine's own.
     """
     if campaign.conditions.setup is None:
         return [SetupNuisances("", np.arange(campaign.n), (), (), np.zeros((campaign.n, 0)))]
     rows = rows_of_setups(campaign) if rows is None else rows
-    return [_block(campaign, observation, name, own) for name, own in rows]
+    return [_block(campaign, observation, name, own, placed) for name, own in rows]
 
 
 def _block(
-    campaign: Campaign, observation: Observation | None, name: str, rows: Index
+    campaign: Campaign,
+    observation: Observation | None,
+    name: str,
+    rows: Index,
+    placed: F64 | None,
 ) -> SetupNuisances:
     free = campaign.setups[name].free if name in campaign.setups else ()
     kinds = campaign.kind[rows]
@@ -111,7 +117,8 @@ def _block(
         toward, about = (
             chain.to_workpiece(v)[rows] for v in (observation.toward, observation.about)
         )
-        frame = frame_columns(chain.point[rows], toward, about)
+        point = chain.point if placed is None else placed
+        frame = frame_columns(point[rows], toward, about)
         columns += list(frame.T)
         names += [f"frame {k}" for k in "xyzabc"]
         units += ["mm"] * 3 + ["rad"] * 3

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.effects.base import INSTRUMENT, ErrorMotion
+from abbe.compcore.fitting.design.turned_frames import Seen, TurnedFrames
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.exact_slopes import ExactSlopes
 from abbe.compcore.machine.kinematics import Chain, exact, first_order
@@ -80,15 +81,21 @@ class Observation:
         toward[i] = self.between[i]
         self._toward = self._toward + self.chain.to_machine_axes(toward)
 
-    def tangent(self, motions: Mapping[ErrorMotion, F64]) -> Observation:
+    def tangent(
+        self, motions: Mapping[ErrorMotion, F64], frames: TurnedFrames | None = None
+    ) -> Observation:
         """The same equations, whose derivatives are those of the exact error where motions stand.
 
         Each of the motions is (n,), mm or rad. A turn of a degree turns the levers behind it, so by
-        the lever rule alone a search for the least squares would go astray.
+        the lever rule alone a search for the least squares would go astray. So does an instrument
+        that is turned, which `frames` say.
         """
         other = copy.copy(self)
         other._seen = {}
         other._slopes = ExactSlopes(self.chain, motions)
+        if frames is not None:
+            toward = frames.back(self.chain.to_workpiece(self._toward))
+            other._toward = self.chain.to_machine_axes(toward)
         return other
 
     @property
@@ -118,23 +125,44 @@ class Observation:
                 self._seen[error_motion] = seen
         return self._seen[error_motion]
 
-    def values(self, motions: Mapping[ErrorMotion, F64], composition: Composition) -> F64:
+    def values(
+        self,
+        motions: Mapping[ErrorMotion, F64],
+        composition: Composition,
+        frames: TurnedFrames | None = None,
+    ) -> F64:
         """The measured values for given error motions (each (n,), mm or rad), shape (n,).
 
-        mm, or rad for rotations; distances in full, not to first order.
+        mm, or rad for rotations; distances in full, not to first order. `frames` say how the
+        set-ups' instruments stand, where they are turned in full.
         """
         if composition == "first-order" and not self.distance.size and not self.base_distance.size:
             return self._first_order_sum(motions)
+        return self._read(motions, *self.errors(motions, composition), frames)
+
+    def errors(
+        self, motions: Mapping[ErrorMotion, F64], composition: Composition
+    ) -> tuple[F64, F64]:
+        """Error of the functional point, mm, and of its orientation, rad; (n, 3), machine axes."""
         machine = {c: v for c, v in motions.items() if c.place != INSTRUMENT}
-        if composition == "exact":
-            error, orientation = exact(self.chain, machine)
-            skew = orientation - np.swapaxes(orientation, 1, 2)
-            turn = 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
-        else:
-            error, turn = first_order(self.chain, machine)
+        if composition == "first-order":
+            return first_order(self.chain, machine)
+        error, orientation = exact(self.chain, machine)
+        skew = orientation - np.swapaxes(orientation, 1, 2)
+        return error, 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+
+    def _read(
+        self,
+        motions: Mapping[ErrorMotion, F64],
+        error: F64,
+        turn: F64,
+        frames: TurnedFrames | None = None,
+    ) -> F64:
         total: F64 = np.einsum("ni,ni->n", self._toward, error)
         if self._about is not None:
             total += np.einsum("ni,ni->n", self._about, turn)
+        if frames is not None:
+            total += self._by_frames(error, frames)
         reached = self._vector + self.chain.to_workpiece(error)
         total[self.distance] = np.linalg.norm(reached[self.distance], axis=1)
         total[self.base_distance] = np.linalg.norm(self._vector[self.base_distance], axis=1)
@@ -142,6 +170,28 @@ class Observation:
             if error_motion.place == INSTRUMENT:
                 total += value
         return total
+
+    def seen(self, motions: Mapping[ErrorMotion, F64], value: F64) -> Seen:
+        """What the rows see of errors composed in full, for how their instruments stand.
+
+        `value` is what they read, (n,), mm or rad.
+        """
+        chain = self.chain
+        error, turn = self.errors(motions, "exact")
+        left = value - self._read(motions, error, turn)
+        toward, about = (chain.to_workpiece(v) for v in (self._toward, self.about))
+        actual = chain.point + chain.to_workpiece(error)
+        return Seen(chain.point, actual, toward, about, left)
+
+    def _by_frames(self, error: F64, frames: TurnedFrames) -> F64:
+        """What instruments that are turned see more, (n,); error (n, 3) mm, machine axes."""
+        chain = self.chain
+        actual = chain.point + chain.to_workpiece(error)
+        moved = chain.to_machine_axes(frames.placed(actual) - actual)
+        more: F64 = np.einsum("ni,ni->n", self._toward, moved)
+        if self._about is not None:
+            more += frames.turned(chain.to_workpiece(self._about))
+        return more
 
     def _first_order_sum(self, motions: Mapping[ErrorMotion, F64]) -> F64:
         total = np.zeros(self._toward.shape[0])

@@ -20,6 +20,7 @@ from abbe.compcore.fitting.design.nuisance import (
 from abbe.compcore.fitting.design.observation import Observation, with_tools
 from abbe.compcore.fitting.design.row_blocks import RowBlock, row_blocks, rows_at_once
 from abbe.compcore.fitting.design.run_starts import Bodies, since_begin
+from abbe.compcore.fitting.design.turned_frames import TurnedFrames
 from abbe.compcore.fitting.design.unknowns import UnknownLayout
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.model.model import Model, Term
@@ -96,6 +97,8 @@ class PreparedRows:
         self._moved: tuple[bytes, dict[ErrorMotion, F64]] | None = None
         self._read: tuple[bytes, F64] | None = None
         self._tangent: tuple[bytes, Observation] | None = None
+        self._frames: tuple[bytes, TurnedFrames | None] | None = None
+        self._turned: tuple[TurnedFrames, list[SetupNuisances]] | None = None
         self._conditions: tuple[bytes, Conditions] | None = None
         self._observation: tuple[bytes, Observation] | None = None
         self._rows_of_setups: list[tuple[str, Index]] | None = None
@@ -106,6 +109,9 @@ class PreparedRows:
         """The problem with other uncertainties of the rows, (n,); shares what is prepared."""
         other = self._copy()
         other.sd, other.weight, other._eliminator = sd, 1.0 / sd, None
+        if self._frames is not None and self._frames[1] is not None:
+            # how instruments stand is found with the rows' weights
+            other._frames = other._read = other._tangent = other._blocks = None
         return other
 
     def part(self, rows: Index, theta: F64) -> Self:
@@ -122,6 +128,7 @@ class PreparedRows:
         other._conditions = other._observation = other._blocks = other._eliminator = None
         other._block = self.large
         other._rows_of_setups = other._moved = other._read = other._tangent = None
+        other._frames = other._turned = None
         other._given = {
             i: tuple(m.rows(rows) for m in self.motions(i, theta))
             for i, effect in enumerate(self.model.effects)
@@ -222,10 +229,14 @@ class PreparedRows:
         parts += [theta[where] for where, _ in self.layout.tools.values()]
         return np.concatenate(parts).tobytes() if parts else b""
 
+    @property
+    def framed(self) -> bool:
+        """Whether a set-up leaves unknown how its instrument stands."""
+        return any("frame" in setup.free for setup in self.campaign.setups.values())
+
     def setups(self, theta: F64) -> list[SetupNuisances]:
         """The nuisance columns of each set-up, unweighted."""
-        framed = any("frame" in setup.free for setup in self.campaign.setups.values())
-        observation = self.observation(theta) if framed else None
+        observation = self.observation(theta) if self.framed else None
         if self._blocks is None or self._blocks[0] is not observation:
             if self._rows_of_setups is None:
                 self._rows_of_setups = rows_of_setups(self.campaign)

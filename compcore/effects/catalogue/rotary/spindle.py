@@ -32,8 +32,8 @@ class SpindleSquareness(Effect):
     Formula
         The spindle leans towards ``direction`` by a constant angle: a turn about s × direction at
         the spindle, s the spindle's nominal direction (Z; the letter in brackets in the structure
-        code says otherwise). For a spindle along Z, direction X is ISO's E_B of the spindle, and
-        direction Y its −E_A.
+        code says otherwise; of an arm of joints alone the line of the last one). For a spindle
+        along Z, direction X is ISO's E_B of the spindle, and direction Y its −E_A.
     Parameters
     ----------
         angle in rad, positive where a longer tool's far side (positive s) leans towards positive
@@ -110,6 +110,12 @@ def _last_turned(machine: Machine) -> str | None:
 
 
 def spindle_direction(machine: Machine) -> AxisLetter:
-    """The spindle's nominal direction: Z, or that of the letter in brackets in the structure."""
-    name = machine.structure.spindle
+    """The spindle's nominal direction: Z, or that of the letter in brackets in the structure.
+
+    Of an arm that names none, the line about which its last joint turns the flange.
+    """
+    structure = machine.structure
+    name = structure.spindle
+    if name is None and structure.axes and all(machine.axes[a].rotary for a in structure.axes):
+        name = structure.tool_side[-1] if structure.tool_side else None
     return "Z" if name is None else turned_about(name)
