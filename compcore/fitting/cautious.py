@@ -225,7 +225,7 @@ def _result(
         decomposition=decomposition,
         residual=misfit - eliminator.share(raw),
         weighted=weighted,
-        nuisances=eliminator.values(raw),
+        nuisances=held.nuisances(theta, raw),
         dof=dof,
         chi2=chi2,
         caution=Caution(sizes, parts, result.decomposition.rank),

@@ -114,13 +114,19 @@ class Decomposition:
         """
         return np.asarray((self.determined**2).sum(axis=1) > _NO_SURER)
 
-    def solve(self, projected: F64) -> F64:
+    def solve(self, projected: F64, damping: float = 0.0) -> F64:
         """The least-squares solution of least norm in units of the scales, shape (m,).
 
-        `projected` is Qᵀr with Q the orthogonal factor that belongs to the triangle, shape (k,).
+        Parameters
+        ----------
+        projected
+            Qᵀr with Q the orthogonal factor that belongs to the triangle, shape (k,).
+        damping
+            Singular value below which combinations are held back (Levenberg and Marquardt).
         """
         r = self.rank
-        along = (self._left[:, :r].T @ projected) / self.singular[:r]
+        singular = self.singular[:r]
+        along = (self._left[:, :r].T @ projected) * singular / (singular**2 + damping**2)
         return np.asarray(self.scale * (self.determined @ along))
 
     def minimum_norm(self, theta: F64, reference: F64) -> F64:

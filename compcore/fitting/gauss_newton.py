@@ -1,6 +1,13 @@
-"""Gauss–Newton with a line search for linear and nearly linear least squares."""
+"""Gauss–Newton for linear and nearly linear least squares; damped where slopes lead too far.
+
+A step that does not lower the cost is halved, and then damped as by Levenberg and Marquardt: what
+is hardly determined is held back first, where a shorter step would hold back all.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from itertools import chain
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,9 +20,16 @@ F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 
 _ROUNDS = 50
-_HALVINGS = 20
+_HALVINGS = 3
+_DAMPED = 4.0
+"""By how many times a step is damped more where it still leads too far."""
+_CALMER = 6
+"""Halvings on the way to the solution of least norm along a curve; behind a sixty-fourth of it
+nothing is gained."""
 _CONVERGED = 1e-9
 """The cost ½χ² may still fall by this part of itself, or of the number of rows, at the end."""
+_CONVERGED_IN_FULL = 1e-6
+"""The same where errors are composed in full: along a curve the last digits come slowly."""
 
 _ROUNDING = 1e-6
 """Part by which ½χ², or that of each row, may rise where what is not determined is moved."""
@@ -41,13 +55,15 @@ def gauss_newton(
     scale = problem.layout.scale[free]
     m = len(free)
     cost = np.inf
+    in_full = problem.model.composition == "exact"
+    converged = _CONVERGED_IN_FULL if in_full else _CONVERGED
     for _ in range(_ROUNDS):
         reduced = triangle(problem, theta, free)
         before = 0.5 * float(reduced[:, m] @ reduced[:, m])
         decomposition = Decomposition(reduced[:m, :m], scale, problem.n)
         left = float(np.linalg.norm(reduced[m:, m])) / np.sqrt(max(problem.n - m, 1))
         decomposition.follow(reduced[:m, m], (theta - origin)[free], left)
-        hardly = _CONVERGED * max(before, 1e-3 * problem.n)
+        hardly = converged * max(before, 1e-3 * problem.n)
         if cost - before <= hardly:
             break
         cost = before
@@ -60,7 +76,10 @@ def gauss_newton(
         if before - 0.5 * float(ahead @ ahead) <= hardly:
             # as low as the tangent leads: a search would only find rounding
             break
-        theta = _line_search(problem, theta, step, before)
+        dampings = _dampings(decomposition)
+        shorter = (step * 0.5**k for k in range(_HALVINGS))
+        damped = (_placed(theta, free, decomposition.solve(reduced[:m, m], d)) for d in dampings)
+        theta = _lower(problem, theta, chain(shorter, damped), before)
     calm = theta.copy()
     calm[free] = decomposition.minimum_norm(theta[free], start[free])
     if not direct:
@@ -83,7 +102,7 @@ def _no_worse(problem: Problem, theta: F64, calm: F64) -> F64:
     """As far from θ towards another solution as ½χ² does not rise."""
     allowed = _allowed(problem, theta)
     part = 1.0
-    for _ in range(_HALVINGS):
+    for _ in range(_CALMER):
         tried = problem.layout.within(theta + part * (calm - theta))
         if _cost(problem, tried) <= allowed:
             return tried
@@ -97,12 +116,27 @@ def _cost(problem: Problem, theta: F64) -> float:
     return 0.5 * float(left @ left + known @ known)
 
 
-def _line_search(problem: Problem, theta: F64, step: F64, before: float) -> F64:
-    """θ + step, or a shorter step when that does not lower the cost."""
-    part = 1.0
-    for _ in range(_HALVINGS):
-        tried = problem.layout.within(theta + part * step)
+def _lower(problem: Problem, theta: F64, steps: Iterable[F64], before: float) -> F64:
+    """θ and the first of some steps with which the cost is no higher; θ where it is with all."""
+    for step in steps:
+        tried = problem.layout.within(theta + step)
         if _cost(problem, tried) <= before:
             return tried
-        part *= 0.5
     return theta
+
+
+def _placed(theta: F64, free: Index, values: F64) -> F64:
+    """Values of the unknowns that may move, the others 0, shape of θ."""
+    step = np.zeros_like(theta)
+    step[free] = values
+    return step
+
+
+def _dampings(decomposition: Decomposition) -> Iterator[float]:
+    """Singular values from the least to beyond the greatest that is determined."""
+    if decomposition.rank:
+        damping = float(decomposition.singular[: decomposition.rank].min())
+        most = float(decomposition.singular[0])
+        while damping <= _DAMPED * most:
+            yield damping
+            damping *= _DAMPED

@@ -252,7 +252,7 @@ class Solution:
             null,
             misfit - eliminator.share(raw),
             weighted,
-            eliminator.values(raw),
+            problem.nuisances(theta, raw),
             dof,
             chi2,
             uncertainty,

@@ -22,6 +22,7 @@ from abbe.compcore.diagnosis.uncatalogued.chosen import Grown, grown
 from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
+from abbe.compcore.fitting.cancelling import cancelling
 from abbe.compcore.fitting.design.begun import begun
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.model import Model
@@ -121,10 +122,10 @@ class GrowingModel:
 
     def _compose(self) -> None:
         now = self.last.result
-        if not beyond_first_order(now.thin, now.chi2 / max(1, now.dof)):
-            return
+        if not beyond_first_order(now.thin, now.chi2 / max(1, now.dof)) or cancelling(now)[1]:
+            return  # angles that are large only against each other are no machine's
         full = fit(replace(now.model, composition="exact"), self.campaign, near=True)
-        if full.chi2 < now.chi2:
+        if full.chi2 < now.chi2 and not cancelling(full)[1]:
             self.make("composed", None, full, LeftOutErrors.of(full))
 
     def refused_now(self, effect: Effect) -> bool:

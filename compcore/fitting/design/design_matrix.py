@@ -108,7 +108,8 @@ class Problem(PreparedRows):
         blocks = super().setups(theta)
         step = 1 + self.n // rows_at_once(self.layout.size + 1)
         if step == 1:
-            return turned_frames(self.campaign, self.weight, blocks, self._sights(theta))
+            near = None if self._frames is None else self._frames[1]
+            return turned_frames(self.campaign, self.weight, blocks, self._sights(theta), near)
         few = super().part(np.arange(0, self.n, step), theta).frames(theta)
         return None if few is None else few.on([(b.setup, b.rows) for b in blocks], self.n)
 
@@ -206,6 +207,17 @@ class Problem(PreparedRows):
                     seen = np.einsum("ni,ni->n", observation.toward, moved)
                     out[:, column] = seen * self.weight
 
+    def nuisances(self, theta: F64, weighted: F64) -> dict[str, dict[str, tuple[float, str]]]:
+        """What is found of set-ups' nuisances: set-up → name → (value, unit).
+
+        `weighted` are the weighted residuals at θ, (n,), with the nuisances' part still in them.
+        """
+        found = self.eliminator(theta).values(weighted)
+        frames = self.frames(theta)
+        for setup, stands in ({} if frames is None else frames.values).items():
+            found[setup].update(stands)
+        return found
+
     def jacobian(self, theta: F64) -> F64:
         """Weighted ∂value/∂(θ, nuisances), dense, shape (n, layout.size + q)."""
         blocks = self.setups(theta)
@@ -269,9 +281,7 @@ class Problem(PreparedRows):
 
     def _values(self, theta: F64) -> F64:
         motions = self.error_motions(theta)
-        return self.observation(theta).values(
-            motions, self.model.composition, self.frames(theta)
-        )
+        return self.observation(theta).values(motions, self.model.composition, self.frames(theta))
 
     def residual(self, theta: F64) -> F64:
         """Weighted measured − predicted, set-ups' nuisances not yet taken out, shape (n,)."""

@@ -26,11 +26,15 @@ _FRAME = 6
 
 
 def turned_frames(
-    campaign: Campaign, weight: F64, blocks: Sequence[SetupNuisances], seen: Seen
+    campaign: Campaign,
+    weight: F64,
+    blocks: Sequence[SetupNuisances],
+    seen: Seen,
+    near: TurnedFrames | None = None,
 ) -> TurnedFrames | None:
     """The frames that bring a model's points nearest to what was read; None where none is free.
 
-    Gauss–Newton from the frame as stated, set-up by set-up, zero and slope beside it. Set-ups that
+    Gauss–Newton, set-up by set-up, zero and slope beside it. Set-ups that
     measure distances from base points have no frame of their own.
 
     Parameters
@@ -39,6 +43,8 @@ def turned_frames(
         1/sd of each row, (n,).
     blocks
         The set-ups' nuisances to first order (`setup_blocks`).
+    near
+        Frames to begin with, such as those of a model that is nearly the same; default: as stated.
     """
     of_row = np.full(campaign.n, -1, dtype=np.int64)
     names: list[str] = []
@@ -48,13 +54,20 @@ def turned_frames(
     for block in blocks:
         if "frame x" not in block.names or np.any(campaign.kind[block.rows] >= Kind.DISTANCE):
             continue
-        rotation, shift = _found(block, weight, seen)
+        begun = np.eye(3), np.zeros(3)
+        if near is not None and block.setup in near.names:
+            k = near.names.index(block.setup)
+            begun = near.rotation[k], near.shift[k]
+        rotation, shift = _found(block, weight, seen, *begun)
         of_row[block.rows] = len(names)
         names.append(block.setup)
         rotations.append(rotation)
         shifts.append(shift)
         middle = seen.point[block.rows].mean(axis=0)
-        stands = [*(rotation @ middle + shift - middle), *Rotation.from_matrix(rotation).as_rotvec()]
+        stands = [
+            *(rotation @ middle + shift - middle),
+            *Rotation.from_matrix(rotation).as_rotvec(),
+        ]
         values[block.setup] = {
             name: (float(v), unit)
             for name, v, unit in zip(
@@ -66,17 +79,20 @@ def turned_frames(
     return TurnedFrames(tuple(names), of_row, np.array(rotations), np.array(shifts), values)
 
 
-def _found(block: SetupNuisances, weight: F64, seen: Seen) -> tuple[F64, F64]:
+def _found(
+    block: SetupNuisances, weight: F64, seen: Seen, rotation: F64, shift: F64
+) -> tuple[F64, F64]:
     """Rotation (3, 3) and shift (3,) of one set-up's instrument."""
     step = 1 + (len(block.rows) - 1) // _ROWS
     rows, others = block.rows[::step], block.columns[::step, :-_FRAME]
     w = weight[rows]
     toward, about, actual = seen.toward[rows], seen.about[rows], seen.actual[rows]
-    rotation, shift = np.eye(3), np.zeros(3)
+    turns = bool(about.any())
     for _ in range(_ROUNDS):
         placed = actual @ rotation.T + shift
-        turn = Rotation.from_matrix(rotation).as_rotvec()
-        moved = np.einsum("ni,ni->n", toward, placed - actual) + about @ turn
+        moved = np.einsum("ni,ni->n", toward, placed - actual)
+        if turns:
+            moved += about @ Rotation.from_matrix(rotation).as_rotvec()
         columns = np.hstack([others, frame_columns(placed, toward, about)])
         size = np.linalg.norm(columns * w[:, None], axis=0)
         size[size <= 0.0] = 1.0

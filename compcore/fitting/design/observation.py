@@ -58,6 +58,7 @@ class Observation:
         self._about = np.where(rotation[:, None], u, 0.0) if rotation.any() else None
         self._seen: dict[ErrorMotion, F64] = {}
         self._slopes: ExactSlopes | None = None
+        self._exact: tuple[Mapping[ErrorMotion, F64], F64, F64] | None = None
         self.between = np.zeros((n, 3))
         """Row → unit vector base → point (or base2 → base), workpiece frame; 0 on other rows."""
         self._vector = np.zeros((n, 3))
@@ -147,9 +148,17 @@ class Observation:
         machine = {c: v for c, v in motions.items() if c.place != INSTRUMENT}
         if composition == "first-order":
             return first_order(self.chain, machine)
-        error, orientation = exact(self.chain, machine)
-        skew = orientation - np.swapaxes(orientation, 1, 2)
-        return error, 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+        kept = self._exact
+        if (
+            kept is None
+            or kept[0].keys() != machine.keys()
+            or any(kept[0][c] is not v for c, v in machine.items())
+        ):
+            error, orientation = exact(self.chain, machine)
+            skew = orientation - np.swapaxes(orientation, 1, 2)
+            turn = 0.5 * np.stack([skew[:, 2, 1], skew[:, 0, 2], skew[:, 1, 0]], axis=1)
+            kept = self._exact = (machine, error, turn)
+        return kept[1], kept[2]
 
     def _read(
         self,
