@@ -25,7 +25,8 @@ class Step:
         ``lagged`` (its signals stand behind a lag now), ``second body`` (behind the same
         signal), ``began elsewhere`` (than in equilibrium with its signal), ``described`` (by what
         explains nothing), ``removed``, ``set aside`` (readings that stand alone), ``composed``
-        (errors in full, no longer by the lever rule).
+        (errors in full, no longer by the lever rule), ``held near 0`` (cautious values, as curves
+        ran away where nobody measured).
     effect
         The effect that was added, changed or taken out; None for the beginning and for readings.
     result

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
 from abbe.compcore.diagnosis.stepwise.describing import describe
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, Progress
+from abbe.compcore.diagnosis.stepwise.held_near_zero import held_near_zero
 from abbe.compcore.diagnosis.stepwise.step import Course, Step
 from abbe.compcore.diagnosis.stepwise.unseen import UnseenCampaign
 from abbe.compcore.diagnosis.stepwise.warmth import (
@@ -105,16 +107,23 @@ def to_the_verdict(
             on_step(step)
         return found
 
+    def ended(course: Course) -> Course:
+        step = held_near_zero(course.last, unseen)
+        if step is None:
+            return course
+        on_step(step)
+        return replace(course, steps=(*course.steps, step))
+
     with threads_for(campaign.n * _COLUMNS):
         course = followed()
         if unseen is None:
-            return course
+            return ended(course)
         models = [step.result.model for step in course.steps]
         best = unseen.best(models)
         if not unseen.spoilt(models[best], models[-1]):
-            return course
+            return ended(course)
         again(course.steps[best])
-        return followed(unseen)
+        return ended(followed(unseen))
 
 
 def _is_noise(result: FitResult) -> bool:
