@@ -187,8 +187,11 @@ def _followed(growing: GrowingModel) -> Course:
             or _complete_motions(growing, diagnosis)
             or _complete_joints(growing, diagnosis)
             or growing.prune()
-            or regress(growing, diagnosis)
-            or (not _nothing_left(growing.last.result) and describe(growing, diagnosis))
+            or (
+                # a thermometer's own noise, times a scale's expansion, follows other thermometers
+                not _nothing_left(growing.last.result)
+                and (regress(growing, diagnosis) or describe(growing, diagnosis))
+            )
         ):
             break
         diagnosis = growing.diagnosed()
