@@ -19,6 +19,11 @@ def notes(configuration: Configuration) -> list[str]:
 
 def _on_the_controller(configuration: Configuration) -> Iterator[str]:
     controller, output = configuration.file.controller, configuration.file.output
+    if not configuration.model.machine.structure.carrying:
+        yield (
+            "the machine has no axis X, Y or Z that could carry a correction: abbe run does not "
+            "begin; abbe correct --command says where to send its axes"
+        )
     if controller.heartbeat is None:
         yield (
             "controller.heartbeat is not set: a controller that stands still behind a gateway that "

@@ -1,4 +1,4 @@
-"""Threads of a process share what memory they let go of, in place of each keeping its own."""
+"""Threads of a process share what memory they let go of; after much of it, the others get it."""
 
 from __future__ import annotations
 
@@ -18,3 +18,12 @@ def share_memory(arenas: int = 1) -> None:
     """
     with contextlib.suppress(OSError, AttributeError):
         ctypes.CDLL(None).mallopt(_ARENA_MAX, arenas)
+
+
+def give_back() -> None:
+    """Give the computer back what nothing stands in any more.
+
+    By itself glibc keeps it for as long as something newer lies behind it. Source: malloc_trim(3).
+    """
+    with contextlib.suppress(OSError, AttributeError):
+        ctypes.CDLL(None).malloc_trim(0)

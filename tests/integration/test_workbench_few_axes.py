@@ -11,6 +11,8 @@ from playwright.sync_api import Browser, Page, expect
 
 from tests.support.daemon.browser import assert_for_everybody, assert_quiet, chromium, visit
 from tests.support.daemon.few_axes import write_machine
+from tests.support.daemon.few_axes_live import table_and_slide
+from tests.support.daemon.live_run import compensating, live_run
 from tests.support.daemon.workbench import opened
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(300)]
@@ -79,4 +81,22 @@ def test_the_loop(browser: Browser, tmp_path: Path, name: str, title: str, cause
             page.click("#report")
         found.value.wait_for_selector("#paper[data-ready]")
         assert f"{name}-7" in found.value.locator("#paper").inner_text()
+        assert_quiet(seen, bench)
+
+
+def test_live_with_one_line_and_a_table(browser: Browser, tmp_path: Path) -> None:
+    """What is corrected is named, its error is drawn along the one line, no other ± is shown."""
+    with table_and_slide(tmp_path) as config, opened(config) as bench:
+        seen = visit(browser, bench, until="#view[data-tab=live]", reduced_motion="reduce")
+        page = seen.page
+        with live_run(config) as run:
+            run.until(compensating)
+            expect(page.locator("#state")).to_have_text("X: corrected in full")
+            expect(page.locator("[data-axis=C] .guard")).to_have_text("not corrected")
+            page.wait_for_selector("#volume .plot .scatterlayer path")
+            expect(page.locator("#volume h2")).to_contain_text("errs by up to 14.0 µm")
+            page.wait_for_selector("#history[data-ready]")
+            looked_at(page)
+        # before there was a run
+        seen.errors[:] = [e for e in seen.errors if "409" not in e]
         assert_quiet(seen, bench)

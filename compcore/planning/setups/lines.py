@@ -109,12 +109,14 @@ def axis_lines(
         count = targets or max(5, int(np.ceil(share * (task.count(axis) - 1))) + 1)
         for parts in places:
             ends, place = through(task, axis, parts, part)
+            # a machine of one axis has no other that stands anywhere
+            where = f" at {place}" if place else ""
             for u, words, kind, free in _readings(instrument, axis, task.machine.structure.upright):
                 tools = task.tools if kind == Kind.DISPLACEMENT else list(task.tools)[:1]
                 for tool in tools:
                     beside = f", tool {tool}" if len(task.tools) > 1 else ""
                     yield line(
-                        task, instrument, ends, count, u, f"{words} at {place}{beside}",
+                        task, instrument, ends, count, u, f"{words}{where}{beside}",
                         tool=tool, kind=kind, free=free,
                     )  # fmt: skip
 

@@ -12,7 +12,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import display
 from abbe.daemon.records.reading import Records, opened
-from abbe.daemon.records.recorder import IN_FULL
+from abbe.daemon.records.recorder import BEYOND, IN_FULL
 
 MOST = 2000
 """Values of a picture at most: means; the least and the greatest beside each."""
@@ -57,9 +57,14 @@ def pictures(records: Records, model: Model | None) -> list[HistoryPicture]:
             shown, factor = _unit(unit)
             own = {n: n.removeprefix(begins) for n, u in there.items()
                    if n.startswith(begins) and u == unit}  # fmt: skip
+            if name == "sure":
+                # of a direction that no axis takes back nothing is corrected
+                taken = {n: d for n, d in own.items() if f"correction_{d}" in there}
+                own = taken or own
             more = "" if shown == "µm" else ", rotations"
             found.append(HistoryPicture(f"{name}-{unit}", title + more, shown, factor, own))
-    warm = {n: _place(n, model) for n, u in there.items() if u == "degC"}
+    warm = {n: _place(n, model) for n, u in there.items()
+            if u == "degC" and not n.startswith(BEYOND)}  # fmt: skip
     if warm:
         found.insert(1, HistoryPicture("temperatures", "Temperatures", "°C", 1.0, warm))
     if IN_FULL in there:

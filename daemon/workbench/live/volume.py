@@ -59,11 +59,10 @@ def _warmth(status: RunStatus) -> str:
     if not warm:
         return said("At the reference temperature: no thermometer is read.")
     low, high = min(warm), max(warm)
-    return said(
-        "At the present temperatures, {low} to {high} °C.",
-        low=f"{low:.1f}".replace("-", "−"),
-        high=f"{high:.1f}".replace("-", "−"),
-    )
+    least, most = (f"{value:.1f}".replace("-", "−") for value in (low, high))
+    if least == most:
+        return said("At the present temperature, {low} °C.", low=least)
+    return said("At the present temperatures, {low} to {high} °C.", low=least, high=most)
 
 
 def _thousands(value: float) -> str:

@@ -8,6 +8,7 @@ from typing import Any
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.progress import Stages, TimeLeft
+from abbe.daemon.workbench.few_arenas import give_back
 
 Tell = Callable[[str], None]
 """Takes what is being done, in a few words."""
@@ -91,6 +92,8 @@ class WorkbenchTask:
         finally:
             self.error, self._over = failed, True
             self._done()
+            # what a large campaign took while it was worked out would stay for as long as this runs
+            give_back()
 
     def _tell(self, stage: str) -> None:
         if self._stop:

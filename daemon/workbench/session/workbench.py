@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 from abbe.compcore.errors import AbbeError, InputError
-from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.sentences import sentences_in
 from abbe.daemon.answers.model import expected_times as expected
 from abbe.daemon.report.head import file_on_page
@@ -20,6 +18,7 @@ from abbe.daemon.workbench.session.making import Making, adding, fitting
 from abbe.daemon.workbench.session.origin import FromStore
 from abbe.daemon.workbench.session.task import Tell
 from abbe.daemon.workbench.session.tasks import SessionTasks
+from abbe.daemon.workbench.session.view import SessionView
 from abbe.daemon.workbench.versions.beside import SideBySide
 from abbe.daemon.workbench.versions.folder import ModelVersion, VersionFolder
 from abbe.daemon.workbench.versions.journal import WorkbenchJournal
@@ -64,16 +63,12 @@ class Workbench:
         self._origin = origin
         first = ModelVersion.read(model, given=True)
         given = first.model
-        self._laid = lay(given, campaigns, holdout)
+        laid = lay(given, campaigns, holdout)
         self._folder = VersionFolder(versions, model)
         self.journal = WorkbenchJournal(self._folder.folder)
         kept = None if versions is None else versions / "campaigns"
         self.shelf = CampaignShelf([*campaigns, *holdout], kept, near)
-        self._versions = [first, *self._folder.earlier(given)]
-        self._current = first
-        self._said: list[str] = list(self._laid.notes)
-        self.findings = VersionFindings(first, self._laid)
-        """Of the present version."""
+        self._view = SessionView([first, *self._folder.earlier(given)], laid)
         self._side_by_side = SideBySide()
         self._tasks = SessionTasks(ADVICE)
         if at_once and campaigns:
@@ -82,7 +77,12 @@ class Workbench:
     @property
     def empty(self) -> bool:
         """Whether there is no campaign yet that the model is laid beside."""
-        return self._laid.campaign is None
+        return self._view.empty
+
+    @property
+    def findings(self) -> VersionFindings:
+        """What is known of the present version."""
+        return self._view.findings
 
     def state(self) -> dict[str, Any]:
         """What every page shows all the time; `changes` counts what has become different."""
@@ -99,21 +99,21 @@ class Workbench:
                 "empty": self.empty,
                 "writes": self._folder.folder is not None,
                 "folder": None if self._folder.folder is None else str(self._folder.folder),
-                "version": self._current.path.name,
-                "stands_on": self._stands_on,
-                "differ": [seen.path.name for seen in self._seen() if seen.differs],
+                "version": self._view.current.path.name,
+                "stands_on": self._view.stands_on,
+                "differ": [seen.path.name for seen in self._view.seen if seen.differs],
                 "take_out": "" if self._origin is None else self._origin.take_out,
             }
 
     def head(self) -> dict[str, Any]:
         """Machine, serial number, date, and every file with its SHA-256."""
-        return session_head(self._current, self._laid, self._origin)
+        return session_head(self._view.current, self._view.laid, self._origin)
 
     def compare(self) -> None:
         """Lay the present version beside the campaigns, in a thread."""
         if self.empty:
             return
-        stages = expected.comparing(self._laid.fitted)
+        stages = expected.comparing(self._view.laid.fitted)
         self._tasks.start("compare", stages, lambda tell: self.findings.compare(tell))
 
     def look(self) -> None:
@@ -125,7 +125,7 @@ class Workbench:
     def campaigns(self) -> dict[str, Any]:
         """Which campaigns there are, and whether what is sent lasts."""
         return {
-            "campaigns": self.shelf.listed(self._laid.fitted, self._laid.held),
+            "campaigns": self.shelf.listed(self._view.laid.fitted, self._view.laid.held),
             "lasting": self.shelf.lasting,
         }
 
@@ -164,17 +164,17 @@ class Workbench:
         def work(tell: Tell) -> None:
             tell("reading")
             try:
-                laid = lay(self._current.model, files, others)
+                laid = lay(self._view.current.model, files, others)
             except (AbbeError, MemoryError):
                 self.shelf.refused([*files, *others])
                 raise
             self.shelf.proven([*files, *others])
             with self._tasks.lock:
-                self._laid = laid
-                self._show(self._current, list(laid.notes))
+                self._view.laid = laid
+                self._show(self._view.current, laid.notes)
             self.journal.keep(
                 who, "campaigns", fitted=_named(files), held=_named(others),
-                version=self._current.path.name,
+                version=self._view.current.path.name,
             )  # fmt: skip
             self.findings.compare(tell)
 
@@ -190,7 +190,7 @@ class Workbench:
             For a version that is not there, for nothing, and where it cannot be written.
         """
         with self._tasks.lock:
-            version = self._version(number).seen
+            version = self._view.version(number).seen
         self.journal.note(who, version, text)
         self._tasks.changed()
 
@@ -203,21 +203,21 @@ class Workbench:
             For versions that are not there, and without a campaign.
         """
         with self._tasks.lock:
-            pair, laid = (self._version(left), self._version(right)), self._laid
+            pair, laid = (self._view.version(left), self._view.version(right)), self._view.laid
         return self._side_by_side.answer(*pair, laid)
 
     def learn(self) -> None:
         """Diagnose the present version, in a thread; as it is where that is known already."""
         with self._tasks.lock:
             if self.findings.learned is None and not self.empty:
-                stages = expected.diagnosing(self._laid.fitted)
+                stages = expected.diagnosing(self._view.laid.fitted)
                 self._tasks.start("find causes", stages, self._learn)
 
     def fit(self, who: str = "", on: str = "") -> None:
         """Fit the present version as it is: a new version; `who` and `on` as `add` has them."""
         with self._tasks.lock:
-            self._require_seen(on)
-            self._make("fit", fitting(self._laid, robust=self.findings.strays), who)
+            self._view.require_seen(on)
+            self._make("fit", fitting(self._view.laid, robust=self.findings.strays), who)
 
     def add(self, spec: str, who: str = "", on: str = "") -> None:
         """Add a cause to the present version and refit: a new version.
@@ -238,8 +238,10 @@ class Workbench:
             somebody else has changed meanwhile what is looked at.
         """
         with self._tasks.lock:
-            self._require_seen(on)
-            made = adding(self._current.model, spec, self._laid, robust=self.findings.strays)
+            self._view.require_seen(on)
+            made = adding(
+                self._view.current.model, spec, self._view.laid, robust=self.findings.strays
+            )
             self._make(f"add {spec}", made, who)
 
     def read_again(self, who: str = "") -> None:
@@ -251,7 +253,7 @@ class Workbench:
             Where that cannot be written down, and while something is under way.
         """
         self.journal.require()
-        before = self._current
+        before = self._view.current
 
         def work(tell: Tell) -> None:
             tell("reading")
@@ -261,17 +263,17 @@ class Workbench:
                     "is of another machine now: end the workbench, and open it anew",
                     file=before.path,
                 )
-            laid = lay(version.model, self._laid.fitted, self._laid.held)
+            laid = lay(version.model, self._view.laid.fitted, self._view.laid.held)
             with self._tasks.lock:
-                self._versions[self._versions.index(before)] = version
-                self._laid = laid
-                self._show(version, list(laid.notes))
+                self._view.versions[self._view.versions.index(before)] = version
+                self._view.laid = laid
+                self._show(version, laid.notes)
             self.journal.keep(who, "read again", version=version.path.name,
                               sha256=version.seen.sha256, fitted=_named(laid.fitted))  # fmt: skip
             if not self.empty:
                 self.findings.compare(tell)
 
-        stages = expected.comparing(self._laid.fitted)
+        stages = expected.comparing(self._view.laid.fitted)
         self._tasks.start("compare", [("reading", 1.0), *stages[1:]], work)
 
     def go_back(self, number: int, who: str = "") -> None:
@@ -283,7 +285,7 @@ class Workbench:
             For a version that is not there, or while something is under way.
         """
         with self._tasks.lock:
-            chosen, before = self._version(number), self._current.path.name
+            chosen, before = self._view.version(number), self._view.current.path.name
             self._tasks.require_idle()
             self.journal.keep(who, "back", version=chosen.path.name, before=before)
             self._show(chosen, [])
@@ -292,7 +294,12 @@ class Workbench:
     def watched(self) -> dict[str, Any]:
         """The page *Watch*."""
         with self._tasks.lock:
-            return watched(list(self._versions), self._current, self._said, self.journal.entries())
+            return watched(
+                list(self._view.versions),
+                self._view.current,
+                self._view.said,
+                self.journal.entries(),
+            )
 
     def close(self) -> None:
         """End what is under way; give a file's name back that was taken for it."""
@@ -300,53 +307,20 @@ class Workbench:
         self._folder.release()
         self.shelf.close()
 
-    def _seen(self) -> tuple[SeenFile, ...]:
-        return (self._current.seen, *self._laid.seen)
-
-    @property
-    def _stands_on(self) -> str:
-        """Says whether two windows show the same: version and campaigns by their content."""
-        known = [self._current.path.name, *(seen.sha256 for seen in self._seen())]
-        return hashlib.sha256(" ".join(known).encode()).hexdigest()[:16]
-
-    def _require_seen(self, on: str) -> None:
-        """Refuse what was clicked on another state of things, or on files that are no more so."""
-        if on and on != self._stands_on:
-            raise InputError(
-                "this was changed in another window meanwhile: nothing was done; look at what "
-                "stands here now, then click again",
-                found=self._current.path.name,
-            )
-        for seen in self._seen():
-            if seen.differs:
-                raise InputError(
-                    "is another file on the disk than was read: nothing was done",
-                    file=seen.path.name,
-                    expected="that it is read again",
-                )
-
-    def _version(self, number: int) -> ModelVersion:
-        if not 0 <= number < len(self._versions):
-            raise InputError("no such version", field="version", found=number)
-        return self._versions[number]
-
-    def _show(self, version: ModelVersion, said: list[str]) -> None:
-        """Make a version the present one: nothing of the one before counts any more."""
+    def _show(self, version: ModelVersion, said: Sequence[str]) -> None:
+        """Look at a version, and tell all windows."""
         with self._tasks.lock:
-            if not self.empty:
-                require_signals(self._laid.rows, version.model)
-            self._current, self._said = version, said
-            self.findings = VersionFindings(version, self._laid)
+            self._view.show(version, said)
             self._tasks.changes += 1
 
     def _make(self, what: str, made: Making, who: str) -> None:
         """Make a version in a thread, write that down and look at it."""
-        fitted, held = self._laid.fitted, self._laid.held
+        fitted, held = self._view.laid.fitted, self._view.laid.held
         if self._folder.folder is None:
             with self._folder.next_file():
                 pass
         self.journal.require()
-        current = self._current
+        current = self._view.current
 
         def work(tell: Tell) -> None:
             with self._folder.next_file() as out:
@@ -358,7 +332,7 @@ class Workbench:
                 before=current.path.name, fitted=_named(fitted), held=_named(held),
             )  # fmt: skip
             with self._tasks.lock:
-                self._versions.append(version)
+                self._view.versions.append(version)
                 self._show(version, said)
             self.findings.compare(tell)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path, PurePath
 from typing import Any
 
@@ -13,7 +13,7 @@ from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.table_set import RECORD_NAME, TableSet, read_text, sha256
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
-from abbe.compcore.sentences import said, sentences_in
+from abbe.compcore.sentences import Sentence, said, sentences_in
 from abbe.compcore.tables.field import ErrorField, table_state
 from abbe.compcore.tables.remainder import Remainder, TrialPoints
 from abbe.compcore.tables.table import Table
@@ -44,11 +44,7 @@ def held(configuration: Configuration, folder: Path) -> dict[str, Any]:
     left = {names.get(key, key): rest for key, rest in record["remaining"].items()}
     figures, where_note = _where(configuration, record, controller, tables)
     own, none = record["remaining"][controller.name], record["remaining"][NONE]
-    title = said(
-        "With these tables {left} µm are left of {none} µm, at most",
-        left=number(own["max"], 2),
-        none=number(none["max"], 2),
-    )
+    title = headline(machine.structure.carrying, own["max"], none["max"])
     answer: dict[str, Any] = plain(
         {
             "title": title,
@@ -83,6 +79,26 @@ def held(configuration: Configuration, folder: Path) -> dict[str, Any]:
 
 
 _REMAINING = ["", "Largest, µm", "95 %, µm", "rms, µm", "Largest at"]
+
+
+def headline(carrying: Sequence[str], left: float, none: float) -> Sentence:
+    """What is left of the error, µm; of a machine without one of X, Y, Z, along which it counts.
+
+    Parameters
+    ----------
+    carrying
+        The directions that an axis can take an error back in.
+    left, none
+        The largest error with the tables, and without.
+    """
+    sizes = {"left": number(left, 2), "none": number(none, 2)}
+    if len(carrying) == 3:
+        return said("With these tables {left} µm are left of {none} µm, at most", **sizes)
+    return said(
+        "Along {axes} alone, with these tables {left} µm are left of {none} µm, at most",
+        axes=", ".join(sorted(carrying)),
+        **sizes,
+    )
 
 
 def _remaining(left: Mapping[str, Mapping[str, Any]]) -> list[list[str]]:

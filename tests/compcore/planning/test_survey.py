@@ -46,6 +46,12 @@ def test_a_line_tells_a_scale_as_the_closed_form_says():
     assert (root.T @ root)[0, 0] == pytest.approx(0.0, abs=1e-6 * information)
 
 
+def test_a_machine_of_one_axis_has_no_other_that_stands_anywhere():
+    slit = Machine("slit", Structure.parse("w b X t"), {"X": Axis("X", (0.0, 200.0))})
+    setups = axis_lines(SurveyTask(Model(slit)), INSTRUMENTS["laser"])
+    assert {s.what for s in setups} == {"positioning of X"}
+
+
 def test_both_directions_and_the_side_from_which_a_target_is_met():
     setup = next(s for s in axis_lines(task("bridge"), INSTRUMENTS["laser"]) if s.axis == "Y")
     order, sense = setup.visits()

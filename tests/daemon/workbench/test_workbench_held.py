@@ -11,7 +11,7 @@ import pytest
 
 from abbe.compcore.errors import AbbeError
 from abbe.daemon.config import Configuration, load_config
-from abbe.daemon.workbench.tables.held import held
+from abbe.daemon.workbench.tables.held import headline, held
 from abbe.drivers.simulated.process import SimulatedProcess
 from tests.support.daemon.upload_cases import SLOW, Place, fill
 
@@ -82,3 +82,11 @@ def test_a_damaged_record_is_one_sentence(made: tuple[Configuration, Path], tmp_
             said.append(f"{what}: {error}")
     assert len(said) > 60
     assert [text for text in said if "abbe-tables.json" not in text and "csv" not in text] == []
+
+
+def test_the_headline_says_along_what_it_counts() -> None:
+    """A SCARA robot: 0.1 of 2.3 µm along Z, where the arm stood 288 µm elsewhere."""
+    assert headline("XYZ", 1.3, 10.0) == "With these tables 1.3 µm are left of 10 µm, at most"
+    alone = "Along Z alone, with these tables 0.1 µm are left of 2.3 µm, at most"
+    assert headline(("Z",), 0.1, 2.3) == alone
+    assert headline(("X", "Z"), 0.1, 2.3).startswith("Along X, Z alone")

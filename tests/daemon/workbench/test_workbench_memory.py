@@ -1,4 +1,4 @@
-"""Threads of the workbench share the memory that they let go of."""
+"""Threads of the workbench share the memory that they let go of, and give it back."""
 
 from __future__ import annotations
 
@@ -39,3 +39,31 @@ def arenas(how: str) -> int:
 def test_threads_share_one_arena() -> None:
     assert arenas("each its own") > 1
     assert arenas("shared") == 1
+
+
+_LEFT = """
+import sys
+from abbe.daemon.workbench.few_arenas import give_back
+def resident():
+    with open("/proc/self/statm") as file:
+        return int(file.read().split()[1]) * 4096
+# every second one of many small ones: none lies at the end, where glibc looks by itself
+pieces = [bytes(3000) for _ in range(40_000)]
+kept = pieces[1::400]
+del pieces
+before = resident()
+if sys.argv[1] == "back":
+    give_back()
+print(before - resident())
+"""
+
+
+@pytest.mark.skipif(not sys.platform.startswith("linux"), reason="glibc's own")
+@pytest.mark.parametrize(("how", "least"), [("kept", -1e6), ("back", 50e6)])
+def test_what_nothing_stands_in_is_given_back(how: str, least: float) -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", _LEFT, how], capture_output=True, text=True, check=True
+    )
+    given = float(done.stdout)
+    assert given > least
+    assert how == "back" or given < 1e6

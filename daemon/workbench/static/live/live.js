@@ -1,6 +1,6 @@
 // Live: the machine as it stands, in the words of `abbe status`; its volume now; what was.
 import {knowNow, label, line, say, stateOf, t} from "../shared/language.js";
-import {el, fill, lasting, refill, table, write} from "../shared/dom.js";
+import {draw, el, fill, lasting, refill, table, write} from "../shared/dom.js";
 import {get, Outside, Refusal} from "../shared/server.js";
 import {History, when} from "./history.js";
 import {FigureInSpace} from "../shared/space.js";
@@ -100,7 +100,7 @@ export class Live {
     this.lost.hidden = true;
     this.node.classList.remove("old");
     this.node.dataset.seen = "run";
-    this.state.textContent = stateOf(found.state);
+    this.state.textContent = this.#words(found);
     this.state.className = found.light;
     const others = found.files.filter((f) => f[3]);
     fill(this.warnings, [others, found.faults, found.less_sure, found.checks, found.switches], () => [
@@ -110,7 +110,7 @@ export class Live {
       ...[...found.checks, ...found.switches].map((text) => el("p", {class: "note"}, line(text)))]);
     this.#axes(found.axes);
     // once a second for hours: what has not changed stays as it is
-    const sensors = found.signals.map((s) => [s.name, s.where, s.value, line(s.stale) || s.age]);
+    const sensors = found.signals.map((s) => [s.name, label(s.where), s.value, line(s.stale) || s.age]);
     if (!refill(this.warm, sensors))
       this.warm.replaceChildren(table("", [t("Sensor"), t("Where"), t("Reads"), t("Age")], sensors));
     const rows = this.warm.querySelectorAll("tbody tr");
@@ -129,6 +129,13 @@ export class Live {
       this.history = new History();
       this.past.append(this.history.node);
     }
+  }
+
+  /** The state, and of which axes: where some have no correction at all, the others are named. */
+  #words({state, axes}) {
+    const corrected = Object.keys(axes).filter((name) => axes[name].light);
+    const some = corrected.length > 0 && corrected.length < Object.keys(axes).length;
+    return some && !state.includes(": ") ? `${corrected.join(", ")}: ${stateOf(state)}` : stateOf(state);
   }
 
   #axes(axes) {
@@ -160,10 +167,23 @@ export class Live {
       write(this.words, say(found.words));
       return;
     }
-    this.space = new FigureInSpace(found.figure, `${say(found.title)}. ${say(found.words)}`);
+    const words = `${say(found.title)}. ${say(found.words)}`;
+    this.space = found.figure.layout.scene ? new FigureInSpace(found.figure, words) : new FigureAlong(found.figure, words);
     this.title = el("h2", {}, say(found.title));
     this.words = el("figcaption", {}, say(found.words));
     this.volume.replaceChildren(this.title, el("figure", {class: "volume"}, this.words, el("div", {}, this.space.canvas)));
+  }
+}
+
+/** Of a machine that errs along one line alone: its components along that. */
+class FigureAlong {
+  constructor(figure, words) {
+    this.canvas = el("div", {class: "plot", role: "img", "aria-label": words});
+    this.show(figure);
+  }
+
+  show(figure) {
+    draw(this.canvas, figure);
   }
 }
 

@@ -84,7 +84,7 @@ export function line(text) {
 
 /** The state of a correction: with the axes that it is of, where it is some. */
 export function stateOf(text) {
-  const [, axes, what] = /^([A-Z, ]+: )?(.*)$/s.exec(text);
+  const [, axes, what] = /^([A-Z][A-Z0-9, ]*: )?(.*)$/s.exec(text);
   return `${axes ?? ""}${label(what)}`;
 }
 
