@@ -18,6 +18,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.copied_rows import of_copies
 from abbe.compcore.campaign.likely_units import of_positions
 from abbe.compcore.campaign.misplaced_tools import of_tools
+from abbe.compcore.campaign.switched_units import of_switched_units
 from abbe.compcore.campaign.turned_axes import of_turned_axes
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import BODIES, like_fahrenheit, perhaps_fahrenheit
@@ -132,7 +133,7 @@ def without_zeros(campaign: Campaign) -> F64:
 def of_signals(
     campaign: Campaign, machine: Machine, measured: Mapping[str, tuple[float, float]]
 ) -> Iterator[str]:
-    """Thermometers that seem to read °F.
+    """Thermometers that seem to read °F, throughout or from some row on.
 
     `measured`: where each ranged, °C, in the campaigns that the model was fitted to; a heated bed
     that went there from what can only be °C is not asked about again.
@@ -147,6 +148,7 @@ def of_signals(
         celsius = not (like_fahrenheit(low) and like_fahrenheit(high))
         if not (celsius and low <= middle <= high):
             yield from perhaps_fahrenheit(name, middle, signal.role)
+        yield from of_switched_units(campaign, name, values)
 
 
 def of_unknown_thermometers(campaign: Campaign) -> Iterator[str]:

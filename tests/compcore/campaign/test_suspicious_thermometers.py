@@ -34,3 +34,25 @@ def test_a_thermometer_that_may_read_fahrenheit(reads, measured, asked):
     rows.add("line", Kind.DISPLACEMENT, {"X": x}, np.zeros(5), 1e-4, u=(1.0, 0.0, 0.0),
              signals={"T": reads})  # fmt: skip
     assert any("°F" in s for s in of_signals(rows.campaign("laser"), MACHINE, measured)) is asked
+
+
+@pytest.mark.parametrize(
+    ("before", "after", "seconds", "switched"),
+    [
+        (20.7, 69.1, 8.0, "to °F"),
+        (69.1, 20.7, 8.0, "from °F to °C"),
+        (20.7, 69.1, 400.0, None),  # a bed that was heated
+        (20.7, 45.0, 8.0, None),  # no other unit of the same temperature
+    ],
+)
+def test_a_thermometer_that_is_switched_in_the_middle(before, after, seconds, switched):
+    rows = Rows(("X", "Y", "Z"))
+    for k, reads in enumerate((before, after)):
+        x = np.linspace(0.0, 300.0, 5)
+        time = k * (32.0 + seconds) + np.arange(5) * 8.0
+        rows.add("line", Kind.DISPLACEMENT, {"X": x}, np.zeros(5), 1e-4, u=(1.0, 0.0, 0.0),
+                 signals={"T": reads}, time=time)  # fmt: skip
+    found = [s for s in of_signals(rows.campaign("laser"), MACHINE, {"T": (20.0, 75.0)})]
+    found = [s for s in found if "switched" in s]
+    assert len(found) == (switched is not None)
+    assert all(f"switched {switched}?" in s for s in found)
