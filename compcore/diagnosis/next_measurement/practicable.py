@@ -116,7 +116,7 @@ def practicable(machine: Machine, campaign: Campaign) -> Iterator[Proposal]:
 def _diagonals(
     machine: Machine, campaign: Campaign, axes: Sequence[str], tool: F64
 ) -> Iterator[Proposal]:
-    if set(axes) < {"X", "Y", "Z"}:
+    if not {"X", "Y", "Z"} <= set(axes):
         return
     for signs in product((1, -1), repeat=2):
         parts = {"X": (0.04, 0.96)}
