@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
 import pytest
 from scipy import special, stats
 
@@ -14,6 +15,7 @@ from abbe.compcore.distributions import (
     f_limit,
     log_f_beyond,
     normal_limit,
+    signed_rank_beyond,
 )
 
 FREEDOMS = (0.7, 1, 2, 3, 7.5, 20, 150, 2000, 1e5)
@@ -78,3 +80,11 @@ def test_limits(dof: float, chance: float) -> None:
 @pytest.mark.parametrize("chance", [0.4, 0.025, 1e-3, 5e-9, 5e-15])
 def test_limit_of_a_normal_variable(chance: float) -> None:
     assert normal_limit(chance) == pytest.approx(stats.norm.isf(chance), rel=1e-13)
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 12, 20])
+def test_signed_ranks(n: int) -> None:
+    values = np.random.default_rng(n).normal(0.3, 1.0, n)
+    wanted = stats.wilcoxon(values, alternative="greater", method="exact").pvalue
+    assert signed_rank_beyond(values) == pytest.approx(float(wanted), rel=1e-12)
+    assert signed_rank_beyond(np.append(values, 0.0)) == signed_rank_beyond(values)

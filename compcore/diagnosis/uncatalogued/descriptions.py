@@ -18,7 +18,7 @@ from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS, LeftOut
 from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
-from abbe.compcore.distributions import log_f_beyond
+from abbe.compcore.distributions import log_f_beyond, signed_rank_beyond
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.formula import Formula
 from abbe.compcore.effects.catalogue.linear.linear_axes import Positioning
@@ -131,7 +131,9 @@ def surely(before: LeftOut, after: LeftOut, weight: F64, *, chances: int = 1) ->
     if len(fall) < 2 or not fall.mean() > 0.0:
         return False
     squared = len(fall) * fall.mean() ** 2 / max(float(fall.var(ddof=1)), 1e-300)
-    return log_f_beyond(float(squared), 1, len(fall) - 1) < math.log(2.0 * _CHANCE / chances)
+    by_size = log_f_beyond(float(squared), 1, len(fall) - 1) < math.log(2.0 * _CHANCE / chances)
+    # of blocks with few rows and with many, the many alone would make the scatter
+    return by_size or signed_rank_beyond(fall) < _CHANCE / chances
 
 
 def _stretches(folds: Sequence[NDArray[np.int64]]) -> list[NDArray[np.int64]]:

@@ -52,7 +52,7 @@ def test_a_thermometer_that_is_switched_in_the_middle(before, after, seconds, sw
         time = k * (32.0 + seconds) + np.arange(5) * 8.0
         rows.add("line", Kind.DISPLACEMENT, {"X": x}, np.zeros(5), 1e-4, u=(1.0, 0.0, 0.0),
                  signals={"T": reads}, time=time)  # fmt: skip
-    found = [s for s in of_signals(rows.campaign("laser"), MACHINE, {"T": (20.0, 75.0)})]
+    found = list(of_signals(rows.campaign("laser"), MACHINE, {"T": (20.0, 75.0)}))
     found = [s for s in found if "switched" in s]
     assert len(found) == (switched is not None)
     assert all(f"switched {switched}?" in s for s in found)

@@ -21,6 +21,9 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 
+_JOINTS = 3
+"""Rotary axes from which on what carries the tool is an arm; two point a telescope."""
+
 
 @register
 class SpindleSquareness(Effect):
@@ -112,10 +115,11 @@ def _last_turned(machine: Machine) -> str | None:
 def spindle_direction(machine: Machine) -> AxisLetter:
     """The spindle's nominal direction: Z, or that of the letter in brackets in the structure.
 
-    Of an arm that names none, the line about which its last joint turns the flange.
+    Of an arm of joints that names none, the line about which its last joint turns the flange.
     """
     structure = machine.structure
     name = structure.spindle
-    if name is None and structure.axes and all(machine.axes[a].rotary for a in structure.axes):
-        name = structure.tool_side[-1] if structure.tool_side else None
+    joints = all(machine.axes[a].rotary for a in structure.axes)
+    if name is None and joints and len(structure.tool_side) >= _JOINTS:
+        name = structure.tool_side[-1]
     return "Z" if name is None else turned_about(name)
