@@ -66,10 +66,11 @@ def touching_steps(
         Naming set-up and axis, for a move outside the travels or through a keep-out box, and where
         the stylus does not reach the sphere.
     """
-    if touching.stands is not None and len(setups) > 1:
+    if len(setups) > 1:
+        # their touches would be one file, and be taken for those of one sphere
         raise InputError(
-            "where the sphere stands is stated for one set-up",
-            field="sphere-at",
+            "a program touches the sphere of one set-up, into a file of its own",
+            field="setup",
             found=", ".join(s.name for s in setups),
             expected="--setup NAME",
         )

@@ -265,10 +265,10 @@ def test_where_the_sphere_stands_may_be_told(plan: Path, tmp_path: Path) -> None
     ("words", "says"),
     [
         (("--controller", "fanuc"), "--sphere and --tip"),
-        (("--controller", "heidenhain", "--sphere", "25", "--tip", "4"), "KinematicsOpt"),
+        (("--controller", "heidenhain", "--sphere", "25", "--tip", "4", "--setup", "01_sphere"),
+         "KinematicsOpt"),
         (("--controller", "fanuc", "--sphere", "25", "--tip", "4", "--sphere-at", "1,2"), "x,y,z"),
-        (("--controller", "fanuc", "--sphere", "25", "--tip", "4", "--sphere-at", "1,2,3"),
-         "--setup NAME"),
+        (("--controller", "fanuc", "--sphere", "25", "--tip", "4"), "--setup NAME"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_touched_is_refused_before_a_file_is_written(
