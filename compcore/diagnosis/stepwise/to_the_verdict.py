@@ -31,7 +31,7 @@ from abbe.compcore.diagnosis.stepwise.warmth import (
     sharpen,
 )
 from abbe.compcore.diagnosis.stepwise.whole_body import of_a_body, whole_body
-from abbe.compcore.diagnosis.stepwise.whole_chain import whole_chain
+from abbe.compcore.diagnosis.stepwise.whole_chain import whole_chain, whole_weight
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.distributions import chi2_limit
 from abbe.compcore.effects.base import Effect
@@ -165,7 +165,7 @@ def _foretells_better(one: Step, other: Step) -> bool:
 def _followed(growing: GrowingModel) -> Course:
     diagnosis = growing.diagnosed()
     while len(growing.steps) < MOST_STEPS:
-        if whole_body(growing, diagnosis) or whole_chain(growing, diagnosis):
+        if any(f(growing, diagnosis) for f in (whole_body, whole_chain, whole_weight)):
             diagnosis = growing.diagnosed()
         found = [e.found.candidate.effect for e in diagnosis.established]
         new = _motions_first([e for e in found if not growing.refused_now(e)])

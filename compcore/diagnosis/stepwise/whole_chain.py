@@ -1,8 +1,10 @@
-"""Where all joints of an arm lie, at once: what every arm has, before what imitates it."""
+"""Where all joints of an arm lie, and how they sag, at once: before what imitates it."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+
+import numpy as np
 
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.judging.second_order import beyond_first_order
@@ -14,6 +16,7 @@ from abbe.compcore.diagnosis.uncatalogued.chosen import grown
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects import RotaryLocation
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.catalogue.gravity import GravityFlexure
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.machine.machine import Machine
@@ -73,6 +76,46 @@ def whole_chain(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
         return False
     growing.make_together("added with the others", "added with the others", more, *found)
     return True
+
+
+def whole_weight(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
+    """Add how all joints of an arm that are parallel sag and weigh on each other, if worth it.
+
+    Where one of them sags under what it carries, so do the others, and the outer ones twist the
+    inner ones. Taken alone, a sag leaves what waves of the other joints' positions say as well.
+
+    Parameters
+    ----------
+    growing
+        The model, of which one sag was added.
+    diagnosis
+        What it lacks.
+
+    Returns
+    -------
+    Whether they were added.
+    """
+    machine = growing.last.result.model.machine
+    sagging = [e for e in growing.added if isinstance(e, GravityFlexure) and e.gravity is None]
+    if not sagging or not _is_arm(machine):
+        return False
+    known = {identity(e) for e in growing.last.result.model.effects}
+    alike = {
+        a
+        for a in machine.structure.tool_side
+        for e in sagging
+        if np.linalg.norm(np.cross(machine.axis(a).direction, machine.axis(e.axis).direction)) < 0.1
+    }
+    weights = [
+        e
+        for e in (f.candidate.effect for f in diagnosis.ranked)
+        if isinstance(e, GravityFlexure)
+        and e.gravity is None
+        and e.axis in alike
+        and (e.by is None or e.by in alike)
+        and identity(e) not in known
+    ]
+    return len(weights) > 1 and growing.add_once_together(weights, 1.0 - WORTH)
 
 
 def _is_arm(machine: Machine) -> bool:

@@ -27,6 +27,9 @@ from abbe.compcore.machine.kinematics import Chain, rotation_about
 from abbe.compcore.machine.machine import Axis, Machine
 
 _DOWN = np.array([0.0, 0.0, -1.0])
+_JOINTS = 3
+_NO_LINK = 1e-3
+"""mm: parallel lines that are nearer are one."""
 
 
 def _fit_or_none(value: object) -> object:
@@ -47,7 +50,8 @@ class GravityFlexure(Effect):
         The part turns towards the ground by ``sag·sin z``, z the angle between the part and the
         vertical: a turn ``sag·(s × g)`` on the axis's own line, s the part's direction as the axis
         holds it, g gravity. The part points along ``along`` (X, Y or Z) where the axis stands at 0:
-        by default as the spindle does, or Z, and across the axis. With ``by`` it is the part that
+        by default as the spindle does, or Z, and across the axis; of an arm of three joints or more
+        towards the next one that is parallel. With ``by`` it is the part that
         a joint further out carries, whose weight twists this axis's bearings and gear: the forearm
         (``by=B3``) turns the shoulder (``axis=B2``) of a robot, s held by that joint. Gravity
         points along −Z of the machine's axes; with ``gravity = fit`` for a machine that stands
@@ -106,6 +110,9 @@ class GravityFlexure(Effect):
         axis = machine.axis(self._bearer)
         if self.along is not None:
             return np.asarray(np.eye(3)["XYZ".index(self.along)])
+        link = _link(machine, self._bearer)
+        if link is not None:
+            return link
         upright = np.eye(3)["XYZ".index(spindle_direction(machine))]
         if self.axis in machine.structure.workpiece_side:
             upright = -_DOWN
@@ -176,6 +183,21 @@ class GravityFlexure(Effect):
                     yield cls(axis=axis, by=by)
         for axis in moving:
             yield cls(axis=axis, gravity="fit")
+
+
+def _link(machine: Machine, axis: str) -> F64 | None:
+    """From a joint's line to that of the next parallel one, a unit vector; None where none is."""
+    if len(machine.structure.tool_side) < _JOINTS or axis not in machine.structure.tool_side:
+        return None
+    own = machine.axis(axis)
+    for other in _beyond(machine, axis):
+        if _parallel(machine, axis, other):
+            away = np.subtract(machine.axis(other).location, own.location)
+            away = away - np.dot(away, own.direction) * np.asarray(own.direction)
+            length = float(np.linalg.norm(away))
+            if length > _NO_LINK:
+                return np.asarray(away / length)
+    return None
 
 
 def _beyond(machine: Machine, axis: str) -> tuple[str, ...]:
