@@ -17,6 +17,9 @@ from abbe.compcore.units import in_digits
 _OF_THE_REST = 0.3
 """Part of what is left from which on the steps of readings are worth a word."""
 
+_LIKE_A_LASERS = {"setup_scale", "instrument_drift", "drift"}
+"""Causes that a laser's own look like."""
+
 NO_CLOCK = said(
     "the campaign says no times: nothing was looked for that changes with time (drift, warm-up, "
     "an event, a lag, an oscillation)"
@@ -50,8 +53,24 @@ def campaign_notes(diagnosis: Findings) -> Iterator[Sentence]:
                 "plus, −1 towards minus): play and reversal were not looked for",
                 axes=named, columns=columns,
             )  # fmt: skip
+    if unstated := instrument_unsaid(diagnosis):
+        yield unstated
     if unread := undeclared(whole.model.machine, campaign.conditions):
         yield unread
+
+
+def instrument_unsaid(diagnosis: Findings) -> Sentence | None:
+    """That nobody said what measured, where a cause was named that a laser's may look like."""
+    campaign = diagnosis.whole.problem.campaign
+    if any(head.get("instrument") for head in campaign.metadata):
+        return None
+    named = {e.found.candidate.effect.kind for e in diagnosis.established}
+    if not named & _LIKE_A_LASERS:
+        return None
+    return said(
+        "no head says what measured, so nothing was looked for that only a laser does (a beam out "
+        'of line, its air, a dead path): where it was one, say instrument = "laser" and ask again'
+    )
 
 
 def undeclared(machine: Machine, conditions: Conditions) -> Sentence | None:
