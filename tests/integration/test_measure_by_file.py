@@ -170,7 +170,7 @@ def test_a_calibration_is_led_through_by_files_that_are_put_in_place(
     file.write_text("position,run,direction,deviation [um]\n" + "\n".join(lines) + "\n")
     done = abbe(*words, "fit")
     assert done.status == 0, done.err
-    assert "8 readings of 1 files matched with their targets" in done.out
+    assert "8 readings of 1 file matched with their targets" in done.out
     assert rms(off_the_truth(process, read(folder, "calibration/campaign.csv"))) < NOISE_UM
     assert load_model(own / "fitted.toml").fit["cautious"] is True
     # another file in its place: matched and fitted again

@@ -6,12 +6,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.effects.catalogue.instruments.setup import frame_columns
 from abbe.compcore.fitting.design.nuisance import SetupNuisances
-from abbe.compcore.fitting.design.turned_frames import Seen, TurnedFrames
+from abbe.compcore.fitting.design.turned_frames import Seen, TurnedFrames, turn_by, turn_of
 
 F64 = NDArray[np.float64]
 
@@ -66,7 +65,7 @@ def turned_frames(
         middle = seen.point[block.rows].mean(axis=0)
         stands = [
             *(rotation @ middle + shift - middle),
-            *Rotation.from_matrix(rotation).as_rotvec(),
+            *turn_of(rotation),
         ]
         values[block.setup] = {
             name: (float(v), unit)
@@ -92,14 +91,14 @@ def _found(
         placed = actual @ rotation.T + shift
         moved = np.einsum("ni,ni->n", toward, placed - actual)
         if turns:
-            moved += about @ Rotation.from_matrix(rotation).as_rotvec()
+            moved += about @ turn_of(rotation)
         columns = np.hstack([others, frame_columns(placed, toward, about)])
         size = np.linalg.norm(columns * w[:, None], axis=0)
         size[size <= 0.0] = 1.0
         scaled = columns * w[:, None] / size
         found = np.linalg.lstsq(scaled, (seen.value[rows] - moved) * w, rcond=_RANK)[0] / size
         own = found[-_FRAME:]
-        further = Rotation.from_rotvec(own[3:]).as_matrix()
+        further = turn_by(own[3:])
         middle = placed.mean(axis=0)
         rotation = further @ rotation
         shift = further @ (shift - middle) + middle + own[:3]

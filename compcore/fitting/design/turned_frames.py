@@ -9,12 +9,14 @@ full, its set-ups' frames are rigid motions in full as well.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
+
+from abbe.compcore.machine.kinematics import rotation_about
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
@@ -88,9 +90,9 @@ class TurnedFrames:
     def turned(self, about: F64) -> F64:
         """What the instruments' turns add to rotations seen about (n, 3) directions, (n,) rad."""
         out = np.zeros(len(about))
-        for k, turn in enumerate(Rotation.from_matrix(self.rotation).as_rotvec()):
+        for k in range(len(self.names)):
             own = self.of_row == k
-            out[own] = about[own] @ turn
+            out[own] = about[own] @ turn_of(self.rotation[k])
         return out
 
     def back(self, toward: F64) -> F64:
@@ -100,3 +102,20 @@ class TurnedFrames:
             own = self.of_row == k
             out[own] = toward[own] @ self.rotation[k]
         return out
+
+
+def turn_of(rotation: F64) -> F64:
+    """The rotation vector of a rotation matrix (3, 3): axis times angle, rad, below half a turn."""
+    skew = 0.5 * (rotation - rotation.T)
+    vector = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
+    sine = float(np.linalg.norm(vector))
+    angle = math.atan2(sine, 0.5 * (float(np.trace(rotation)) - 1.0))
+    return np.asarray(vector * (angle / sine) if sine > 0.0 else vector)
+
+
+def turn_by(vector: F64) -> F64:
+    """The rotation matrix (3, 3) of a rotation vector, rad."""
+    angle = float(np.linalg.norm(vector))
+    if angle == 0.0:
+        return np.eye(3)
+    return np.asarray(rotation_about(vector / angle, np.array([angle]))[0])
