@@ -15,7 +15,7 @@ from abbe.compcore.machine.machine import Machine
 from abbe.compcore.sentences import Sentence, joined, said
 
 INCH = 25.4
-_RADIAN = 57.29577951308232
+RADIAN = 57.29577951308232
 _WHOLE = (0.7, 1.02)
 """Part of the travel that a campaign over all of it covers."""
 _TARGETS = 4
@@ -26,7 +26,7 @@ def of_positions(campaign: Campaign, machine: Machine) -> Iterator[Sentence]:
     """Positions that would cover the machine's travels if they were inches, or radians."""
     for rotary, factor, unit, instead in (
         (False, INCH, "inches", "mm"),
-        (True, _RADIAN, "radians", "degrees"),
+        (True, RADIAN, "radians", "degrees"),
     ):
         shares = dict(_shares(campaign, machine, rotary=rotary))
         if shares and all(_WHOLE[0] <= share * factor <= _WHOLE[1] for share in shares.values()):

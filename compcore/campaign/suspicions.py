@@ -20,6 +20,7 @@ from abbe.compcore.campaign.likely_units import of_positions
 from abbe.compcore.campaign.misplaced_tools import of_tools
 from abbe.compcore.campaign.switched_units import of_switched_units
 from abbe.compcore.campaign.turned_axes import of_turned_axes
+from abbe.compcore.campaign.units_of_set_ups import of_set_ups
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.plausible import BODIES, like_fahrenheit, perhaps_fahrenheit
 from abbe.compcore.sentences import said
@@ -111,6 +112,7 @@ def _in_others(size: float, unit: str, others: Mapping[str, float]) -> str:
 def of_campaign(campaign: Campaign, machine: Machine) -> Iterator[str]:
     """What is wrong whatever the model: units of positions, senses, tools, copied rows."""
     yield from of_positions(campaign, machine)
+    yield from of_set_ups(campaign, machine)
     yield from of_turned_axes(campaign, machine)
     yield from of_tools(campaign, machine)
     yield from of_copies(campaign)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import LENGTHS, Kind
 from abbe.compcore.diagnosis.changed import Standing
 from abbe.compcore.diagnosis.judging.aliases import Alias
+from abbe.compcore.diagnosis.mistaken import Mistake
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
@@ -99,6 +100,8 @@ class Findings:
     large_angles
         Whether the causes turn something so far that errors no longer add up; what else is missing
         was then not asked.
+    mistakes
+        What the campaign's writer seems to have mistaken: asked first of all.
     """
 
     verdict: Verdict
@@ -115,6 +118,7 @@ class Findings:
     standing: Standing | None = None
     strays: tuple[Stray, ...] = ()
     large_angles: bool = False
+    mistakes: tuple[Mistake, ...] = ()
 
     @property
     def of_rotations(self) -> bool:

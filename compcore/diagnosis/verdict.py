@@ -30,6 +30,7 @@ from abbe.compcore.diagnosis.judging.established import (
 from abbe.compcore.diagnosis.judging.foretelling import foretelling, predicting
 from abbe.compcore.diagnosis.judging.known_before import beside_which_it_holds
 from abbe.compcore.diagnosis.judging.second_order import Valued, beyond_first_order
+from abbe.compcore.diagnosis.mistaken import mistakes
 from abbe.compcore.diagnosis.pictures import diagnosis_figures
 from abbe.compcore.diagnosis.screening.acting_through import acting_through
 from abbe.compcore.diagnosis.screening.candidates import Candidate, candidates
@@ -144,7 +145,9 @@ def diagnose(model: Model, campaign: Campaign, *, progress: Progress = lambda _:
     known = bool(model.terms) and all(t.fitted for t in model.terms)
     # how warm bodies were when another run began the model does not say, and it is no change of it
     bodies: Bodies = "all" if known and not model.seen(campaign.files.values()) else "asked"
-    return _of_fit(fit(model, campaign, bodies=bodies), model, progress)
+    found = _of_fit(fit(model, campaign, bodies=bodies), model, progress)
+    progress("mistakes in the campaign")
+    return replace(found, mistakes=mistakes(model, campaign))
 
 
 def lacking(whole: FitResult, *, progress: Progress = lambda _: None) -> Diagnosis:

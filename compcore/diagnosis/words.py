@@ -86,6 +86,8 @@ def diagnosis_words(
     unit, _, factor = diagnosis.unit
     for suspicion in suspicious(diagnosis):
         yield said("SUSPICIOUS: {what}", what=suspicion)
+    if diagnosis.mistakes:
+        yield MEND_FIRST
     yield said(
         "residuals: {rms} {unit} rms, {floor}; {noise}",
         rms=f"{diagnosis.rms * factor:.2f}",
@@ -164,7 +166,10 @@ def diagnosis_words(
 def suspicious(diagnosis: Findings) -> Iterator[str]:
     """A wrong unit or sense of an axis, or far less left than stated: said first of all."""
     whole = diagnosis.whole
-    yield from of_campaign(whole.problem.campaign, whole.model.machine)
+    yield from (m.words for m in diagnosis.mistakes)
+    found = {m.text for m in diagnosis.mistakes}
+    others = of_campaign(whole.problem.campaign, whole.model.machine)
+    yield from (s for s in others if s not in found)
     if diagnosis.standing is None:
         # of a model with values the units are seen against what it predicts
         campaign = whole.problem.campaign

@@ -15,6 +15,8 @@ import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
+from abbe.compcore.diagnosis.mistaken import mistakes
+from abbe.compcore.diagnosis.screening.body_motions import of_a_body
 from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
 from abbe.compcore.diagnosis.stepwise.describing import describe
@@ -30,15 +32,17 @@ from abbe.compcore.diagnosis.stepwise.warmth import (
     regress,
     sharpen,
 )
-from abbe.compcore.diagnosis.stepwise.whole_body import of_a_body, whole_body
+from abbe.compcore.diagnosis.stepwise.whole_body import whole_body
 from abbe.compcore.diagnosis.stepwise.whole_chain import whole_chain, whole_weight
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.distributions import chi2_limit
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.gravity import GravityFlexure
+from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import joined, said
 
 MOST_STEPS = 60
 """A model that needs more effects is looked at by its user first."""
@@ -90,7 +94,19 @@ def to_the_verdict(
     ------
     FitError
         As `diagnose`.
+    InputError
+        Where the campaign's writer seems to have mistaken a unit, a sign or a thermometer.
     """
+    progress("mistakes in the campaign")
+    if mistaken := mistakes(model, campaign):
+        raise InputError(
+            said("a mistake in the campaign would be taken for the machine's; nothing was added"),
+            found=joined([*(m.text for m in mistaken), mistaken[0].without.words()]),
+            expected=said(
+                "that to be put right, and diagnosed again; if it is none, diagnose without "
+                "--apply, and add what is missing by hand"
+            ),
+        )
 
     def followed(held_out: UnseenCampaign | None = None) -> Course:
         growing = GrowingModel(model, campaign, on_step, progress, held_out)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.judging.soundness import sound
-from abbe.compcore.diagnosis.screening.candidates import RIGID
+from abbe.compcore.diagnosis.screening.body_motions import motion, of_a_body
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.stepwise.growing_model import FALLS, GrowingModel
 from abbe.compcore.diagnosis.uncatalogued.chosen import grown
@@ -13,13 +13,11 @@ from abbe.compcore.effects import ScaleExpansion
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import FitResult, fit
-from abbe.compcore.machine.machine import Machine
-from abbe.compcore.model.revise import identity, without_effect
+from abbe.compcore.model.revise import without_effect
 
 _AXES = 2
 """Linear axes of which a motion has to be established before those of all are asked."""
 _FEWEST = 3
-_PLAIN = ("scale", "squareness")
 
 
 def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
@@ -47,11 +45,11 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     axes = {a for e in wanted if of_a_body(e, machine) for a in _axes_of(e)}
     if not growing.bodies or len(axes) < _AXES:
         return False
-    known = {_motion(e) for e in growing.last.result.model.effects}
+    known = {motion(e) for e in growing.last.result.model.effects}
     missing: dict[object, Effect] = {}
     for effect in (f.candidate.effect for f in diagnosis.ranked):
-        if of_a_body(effect, machine) and _motion(effect) not in known:
-            missing.setdefault(_motion(effect), effect)
+        if of_a_body(effect, machine) and motion(effect) not in known:
+            missing.setdefault(motion(effect), effect)
     body = _sound(growing, list(missing.values()))
     if len(body) < _FEWEST or not growing.once(body):
         return False
@@ -128,22 +126,6 @@ def _expands(result: FitResult, effect: Effect) -> bool:
     return low - sd <= value.value <= high + sd
 
 
-def of_a_body(effect: Effect, machine: Machine) -> bool:
-    """Whether it is an error motion of a linear axis, plain geometry, or its scale's expansion."""
-    axis = getattr(effect, "axis", None)
-    if isinstance(effect, ScaleExpansion):
-        own = all(machine.signals[s].axis == effect.axis for s in effect.signals)
-        return own and effect.tau is None
-    if effect.kind in RIGID:
-        return isinstance(axis, str) and axis in machine.axes and not machine.axis(axis).rotary
-    return effect.kind in _PLAIN
-
-
 def _axes_of(effect: Effect) -> tuple[str, ...]:
     axes = getattr(effect, "axes", None)
     return tuple(axes) if axes else (str(getattr(effect, "axis", "")),)
-
-
-def _motion(effect: Effect) -> object:
-    """What an effect moves, whatever its shape; of a scale's expansion whichever thermometer."""
-    return (effect.kind, effect.axis) if isinstance(effect, ScaleExpansion) else identity(effect)

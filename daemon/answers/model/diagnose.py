@@ -81,6 +81,7 @@ def _as_given(diagnosis: Diagnosis, given: Comparison) -> dict[str, Any]:
     """The model with the values that it came with: nothing fitted but the instruments' placing."""
     part = given.rotations if diagnosis.of_rotations else given.lengths
     problem = given.problem
+    mistaken, said = [m.words for m in diagnosis.mistakes], {m.text for m in diagnosis.mistakes}
     suspicions = (
         # a model that was never fitted need not agree
         [
@@ -94,7 +95,7 @@ def _as_given(diagnosis: Diagnosis, given: Comparison) -> dict[str, Any]:
     return {
         "rms": finite(part.rms, diagnosis.unit[2]),
         "chi2_per_dof": finite(part.chi2_per_dof),
-        "suspicions": list(dict.fromkeys(suspicions)),
+        "suspicions": list(dict.fromkeys([*mistaken, *(s for s in suspicions if s not in said)])),
     }
 
 
