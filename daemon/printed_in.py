@@ -1,4 +1,4 @@
-"""What a command prints on standard output, in a language: every line that is a sentence."""
+"""What a command prints, in a language: every line that is a sentence, and why it failed."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any, TextIO, cast
 
+from abbe.compcore.errors import AbbeError
 from abbe.compcore.sentences import Sentence, remembered
 
 if TYPE_CHECKING:
@@ -72,3 +73,14 @@ def printed_in(language: PageLanguage | None) -> Iterator[None]:
         finally:
             sys.stdout.flush()
             sys.stdout = before
+
+
+@contextmanager
+def failing_in(language: PageLanguage) -> Iterator[None]:
+    """While it lasts why something cannot be done is said in a language."""
+    try:
+        yield
+    except AbbeError as error:
+        if language.say(error.sentence) == str(error):
+            raise
+        raise AbbeError(language.say(error.sentence)) from error

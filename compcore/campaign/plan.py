@@ -17,6 +17,7 @@ import numpy as np
 from abbe.compcore.campaign.sampling import HELD, amplitude_held, step_for
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Axis, Machine, own_component
+from abbe.compcore.sentences import said
 
 _TARGETS_PER_METRE = 5
 _FEWEST_TARGETS = 5
@@ -207,31 +208,34 @@ def _linear(
     tilts = [k for k in "ABC" if k != roll]
     coarse = steps[:1]
     yield PlannedMeasurement(
-        name, "angles", tuple(f"E_{k}{name}" for k in (*tilts, roll)),
-        "laser with angle optics or autocollimator; roll: levels, or two straightnesses apart",
+        name, said("angles"), tuple(f"E_{k}{name}" for k in (*tilts, roll)),
+        said(
+            "laser with angle optics or autocollimator; roll: levels, or two straightnesses apart"
+        ),
         coarse, at, 2,
     )  # fmt: skip
     yield PlannedMeasurement(
         name,
-        "positioning",
+        said("positioning"),
         (f"E_{own}{name}",),
-        "laser interferometer, step gauge",
+        said("laser interferometer, step gauge"),
         steps,
         at,
         RUNS,
     )
     yield PlannedMeasurement(
-        name, "straightness", tuple(f"E_{k}{name}" for k in others),
-        "straightedge, laser with straightness optics", coarse, at, 2,
+        name, said("straightness"), tuple(f"E_{k}{name}" for k in others),
+        said("straightedge, laser with straightness optics"), coarse, at, 2,
     )  # fmt: skip
     for first in done:
         one = own_component(first)
         if one == own:
             continue
         about = "ABC"["XYZ".index(_third(one, own))]
+        motion = said("{motion} to {axis}", motion=f"E_{about}0{name}", axis=first)
         yield PlannedMeasurement(
-            name, "squareness", (f"E_{about}0{name} to {first}",),
-            f"square, or a laser on both diagonals of the {one}{own} plane", (),
+            name, said("squareness"), (motion,),
+            said("square, or a laser on both diagonals of the {plane} plane", plane=one + own), (),
             _standing(machine, name, first), 2,
         )  # fmt: skip
 
@@ -246,21 +250,21 @@ def _rotary(
     at = _standing(machine, name)
     coarse = steps[:1]
     yield PlannedMeasurement(
-        name, "tilt", tuple(f"E_{k}{name}" for k in tilts),
-        "levels, or a sphere at two heights (R-test)", coarse, at, 2,
+        name, said("tilt"), tuple(f"E_{k}{name}" for k in tilts),
+        said("levels, or a sphere at two heights (R-test)"), coarse, at, 2,
     )  # fmt: skip
     yield PlannedMeasurement(
-        name, "radial and axial", tuple(f"E_{k}{name}" for k in (*across, along)),
-        "sphere and indicators, R-test", coarse, at, 2,
+        name, said("radial and axial"), tuple(f"E_{k}{name}" for k in (*across, along)),
+        said("sphere and indicators, R-test"), coarse, at, 2,
     )  # fmt: skip
     yield PlannedMeasurement(
-        name, "positioning", (f"E_{own}{name}",), "polygon and autocollimator, rotary indexer",
-        steps, at, RUNS,
+        name, said("positioning"), (f"E_{own}{name}",),
+        said("polygon and autocollimator, rotary indexer"), steps, at, RUNS,
     )  # fmt: skip
     constants = [f"E_{k}0{name}" for k in (*across, *tilts)]
     yield PlannedMeasurement(
-        name, "location", tuple(constants),
-        "R-test or ball bar, X, Y, Z following (abbe iso10791)", coarse, at, 2,
+        name, said("location"), tuple(constants),
+        said("R-test or ball bar, X, Y, Z following (abbe iso10791)"), coarse, at, 2,
     )  # fmt: skip
 
 

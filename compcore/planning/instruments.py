@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.sentences import said
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,6 +111,6 @@ def instruments_called(names: Sequence[str]) -> tuple[PlannedInstrument, ...]:
                 "no such instrument",
                 field="instruments",
                 found=name,
-                expected="some of all, " + ", ".join(INSTRUMENTS),
+                expected=said("some of all, {names}", names=", ".join(INSTRUMENTS)),
             )
     return tuple(found.values())

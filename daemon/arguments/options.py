@@ -18,6 +18,9 @@ PageIn = Annotated[
     str,
     typer.Option("--language", help="Of what is printed, and of the page: en, de.", metavar="CODE"),
 ]
+PrintedIn = Annotated[
+    str, typer.Option("--language", help="Of what is printed: en, de.", metavar="CODE")
+]
 VersionsReport = Annotated[
     Path | None,
     typer.Option(

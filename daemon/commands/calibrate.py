@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 
@@ -13,24 +11,10 @@ from abbe.compcore.errors import AbbeError
 from abbe.daemon.arguments.measurements.plan_reading import Feed, Stands
 from abbe.daemon.arguments.options import ConfigFile, PageIn
 
-if TYPE_CHECKING:
-    from abbe.daemon.report.language import PageLanguage
-
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
     app.command("calibrate")(calibrate)
-
-
-@contextmanager
-def _failing_in(language: PageLanguage) -> Iterator[None]:
-    """While it lasts why a step cannot be done is said in a language."""
-    try:
-        yield
-    except AbbeError as error:
-        if language.say(error.sentence) == str(error):
-            raise
-        raise AbbeError(language.say(error.sentence)) from error
 
 
 def calibrate(
@@ -90,7 +74,7 @@ def calibrate(
     from abbe.daemon.commands.calibration.guide import left_out_of, outcome_of
     from abbe.daemon.config import load_config
     from abbe.daemon.measure.person import somebody_there
-    from abbe.daemon.printed_in import printed_in
+    from abbe.daemon.printed_in import failing_in, printed_in
     from abbe.daemon.report.language import ENGLISH
     from abbe.daemon.report.language import language as known_language
 
@@ -123,7 +107,7 @@ def calibrate(
             typer.echo("\n" + spoken.say(said("stopped; the same command goes on here")))
             raise typer.Exit(1) from None
 
-    with printed_in(spoken), _failing_in(spoken):
+    with printed_in(spoken), failing_in(spoken):
         if not lead(request, typer.echo, ask, upto):
             return
         outcome = outcome_of(request)

@@ -9,7 +9,7 @@ from typing import Any
 from abbe.compcore.campaign.plan import PlannedMeasurement, PlannedSteps
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
-from abbe.compcore.sentences import said
+from abbe.compcore.sentences import joined, said
 
 
 def _shown(axis: str, value: float) -> float:
@@ -62,15 +62,19 @@ def steps_words(steps: PlannedSteps) -> str:
     """``X 0 … 700 mm every 50 mm, 15 targets; no wave shorter than 100 mm``."""
     axis, unit = steps.axis, _unit(steps.axis)
     first, last = _shown(axis, steps.first), _shown(axis, steps.last)
-    text = f"{axis} {first:.6g} … {last:.6g}{unit} every {_shown(axis, steps.step):.6g}{unit}, "
-    text += f"{steps.targets} targets"
+    text = said(
+        "{way} every {step}, {count} targets", way=f"{axis} {first:.6g} … {last:.6g}{unit}",
+        step=f"{_shown(axis, steps.step):.6g}{unit}", count=steps.targets,
+    )  # fmt: skip
     if steps.uneven:
-        text += ", each moved by a random part of a step"
+        text = said("{targets}, each moved by a random part of a step", targets=text)
     if steps.wave is not None and steps.held is not None:
-        text += (
-            f"; holds {steps.held * 100:.0f} % of a wave of {_shown(axis, steps.wave):.6g}{unit}"
-        )
-    return f"{text}; no wave shorter than {_shown(axis, steps.shortest):.6g}{unit}"
+        text = said(
+            "{targets}; holds {part} % of a wave of {length}", targets=text,
+            part=f"{steps.held * 100:.0f}", length=f"{_shown(axis, steps.wave):.6g}{unit}",
+        )  # fmt: skip
+    shortest = f"{_shown(axis, steps.shortest):.6g}{unit}"
+    return said("{targets}; no wave shorter than {length}", targets=text, length=shortest)
 
 
 def standing_words(planned: PlannedMeasurement) -> str:
@@ -82,23 +86,28 @@ BEFORE = (
     said("warm up as in use; compensations of geometry off, of temperature on (ISO/TR 16907, 8.3)"),
     said("write down instrument, load, feed, tool, operator, active compensations (9.1)"),
 )
-AFTER = "check afterwards on other lines and with other tools than these (11.3): abbe compare"
+AFTER = said("check afterwards on other lines and with other tools than these (11.3): abbe compare")
 
 
 def as_text(machine: Machine, plan: Sequence[PlannedMeasurement]) -> Iterator[str]:
     """Lines for people."""
-    name = machine.name or "this machine"
-    yield f"Measurements of {name}, {machine.structure}, in the order of ISO/TR 16907, 10.3"
+    yield said(
+        "Measurements of {name}, {structure}, in the order of ISO/TR 16907, 10.3",
+        name=machine.name or said("this machine"), structure=machine.structure,
+    )  # fmt: skip
     for line in BEFORE:
-        yield f"   before: {line}"
+        yield said("   before: {what}", what=line)
     if machine.signals:
-        yield f"   record with every reading: {', '.join(machine.signals)}"
+        yield said("   record with every reading: {signals}", signals=", ".join(machine.signals))
     for i, p in enumerate(plan, start=1):
-        yield f"{i:>3} {p.axis} {p.what}: {', '.join(p.motions)}"
-        runs = f", {p.runs} runs each way" if p.steps else ""
-        yield f"      with {p.instrument}{runs}"
+        yield said(
+            "{number} {axis} {what}: {motions}", number=f"{i:>3}", axis=p.axis, what=p.what,
+            motions=joined(p.motions, ", "),
+        )  # fmt: skip
+        by = said("      with {instrument}", instrument=p.instrument)
+        yield said("{by}, {runs} runs each way", by=by, runs=p.runs) if p.steps else by
         for steps in p.steps:
-            yield f"      {steps_words(steps)}"
+            yield said("      {steps}", steps=steps_words(steps))
         if standing := standing_words(p):
-            yield f"      at {standing}"
-    yield f"    after: {AFTER}"
+            yield said("      at {place}", place=standing)
+    yield said("    after: {what}", what=AFTER)

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from abbe.daemon.arguments.measurements.plan_reading import OnlySetups, PlanFile
-from abbe.daemon.arguments.options import ActiveModel, ConfigFile
+from abbe.daemon.arguments.options import ActiveModel, ConfigFile, PrintedIn
 
 if TYPE_CHECKING:
     from abbe.daemon.measure.events import Tell
@@ -37,6 +37,7 @@ def measure(
         bool, typer.Option("--once", help="Do not wait for what was missed to be driven to again.")
     ] = False,
     active: ActiveModel = None,
+    language: PrintedIn = "en",
     as_json: Annotated[
         bool, typer.Option("--json", help="One JSON object an event on standard output.")
     ] = False,
@@ -47,14 +48,22 @@ def measure(
     An example: abbe measure plan.toml cmm.toml -o campaign.csv
     """
     from abbe.compcore.errors import AbbeError
+    from abbe.compcore.sentences import said
     from abbe.daemon.measure.person import somebody_there
     from abbe.daemon.measure.show import telling
+    from abbe.daemon.printed_in import failing_in
+    from abbe.daemon.report.language import language as known_language
 
-    if not yes and (as_json or not somebody_there()):
-        raise AbbeError(
-            "nobody can be asked when an instrument is set up (no terminal, or --json): say --yes"
-        )
-    with telling(as_json=as_json) as tell:
+    spoken = known_language(language)
+    with failing_in(spoken):
+        if not yes and (as_json or not somebody_there()):
+            raise AbbeError(
+                said(
+                    "nobody can be asked when an instrument is set up (no terminal, or --json): "
+                    "say --yes"
+                )
+            )
+    with failing_in(spoken), telling(as_json=as_json, say=spoken.say) as tell:
         run(plan, config, out, tuple(setup or ()), tell, yes=yes, once=once, active=active)
 
 

@@ -22,7 +22,7 @@ from abbe.daemon.arguments.measurements.survey_options import (
     ToolRadius,
     Tools,
 )
-from abbe.daemon.arguments.options import AsJson, Force
+from abbe.daemon.arguments.options import AsJson, Force, PrintedIn
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -82,6 +82,7 @@ def plan(
     report: Annotated[
         Path | None, typer.Option(help="A page to take along.", metavar="FILE.html")
     ] = None,
+    language: PrintedIn = "en",
     force: Force = False,
 ) -> None:
     """List what to measure on a machine, in the order of ISO/TR 16907, 10.3, with steps.
@@ -92,63 +93,66 @@ def plan(
     """
     from math import radians
 
-    from abbe.compcore.files.model_file import load_model
-    from abbe.compcore.machine.plausible import Range
-    from abbe.compcore.machine.structure import is_rotary
-    from abbe.daemon.arguments.assignments import number, split_assignments
-    from abbe.daemon.outputs import PLAN, REPORT, check_outputs
-
-    say = check_outputs(
-        [model, plate, gauge], [(out, PLAN), (report, REPORT)], force=force, as_json=as_json
-    )
-    waves = {}
-    for axis, text in split_assignments(wave or []).items():
-        rotary = bool(axis) and is_rotary(axis)
-        length = number("wave", text, "degrees" if rotary else "mm", Range(1e-6, 1e5, ""))
-        waves[axis] = radians(length) if rotary else length
-    loaded = load_model(model)
-    if instruments is None and preset is None:
-        _list(loaded, model, waves, held, out, report, say, as_json=as_json)
-        return
-
     from abbe.compcore.files.gauge_file import read_gauge
+    from abbe.compcore.files.model_file import load_model
     from abbe.compcore.files.plan_file import write_plan
     from abbe.compcore.files.plate_file import read_plate
+    from abbe.compcore.machine.plausible import Range
+    from abbe.compcore.machine.structure import is_rotary
     from abbe.compcore.planning.envelope import WorkingSpace
     from abbe.compcore.planning.nudge import NUDGE
     from abbe.compcore.planning.targets import SurveyTask
     from abbe.daemon.answers.measurements import survey as answer
+    from abbe.daemon.arguments.assignments import number, split_assignments
     from abbe.daemon.arguments.plan_arguments import (
         keep_out_of,
         seconds_of,
         tools_of,
         with_effects,
     )
+    from abbe.daemon.outputs import PLAN, REPORT, check_outputs
+    from abbe.daemon.printed_in import failing_in, printed_in
+    from abbe.daemon.report.language import language as known_language
 
-    grown, places = with_effects(_determined(loaded), apart or [])
-    # an instrument that writes a file would take the nudge for a target
-    nudge = 0.0 if along_axes else NUDGE
-    space = WorkingSpace(keep_out_of(keep_out or []), tool_radius, nudge=nudge, table=table_radius)
-    task = SurveyTask(
-        grown, space, tools_of(tool or []),
-        waves, held, None if plate is None else read_plate(plate),
-        None if gauge is None else read_gauge(gauge), along_axes,
-    )  # fmt: skip
-    made = _planned(task, instruments, preset, seconds_of(time), places, changed)
-    if out is not None:
-        write_plan(made, out, str(model))
-    if report is not None:
-        from abbe.daemon.report.measurements.survey import page
+    spoken = known_language(language)
+    say = check_outputs(
+        [model, plate, gauge], [(out, PLAN), (report, REPORT)], force=force, as_json=as_json
+    )
+    with printed_in(spoken), failing_in(spoken):
+        waves = {}
+        for axis, text in split_assignments(wave or []).items():
+            rotary = bool(axis) and is_rotary(axis)
+            length = number("wave", text, "degrees" if rotary else "mm", Range(1e-6, 1e5, ""))
+            waves[axis] = radians(length) if rotary else length
+        loaded = load_model(model)
+        if instruments is None and preset is None:
+            _list(loaded, model, waves, held, out, report, say, as_json=as_json)
+            return
+        grown, places = with_effects(_determined(loaded), apart or [])
+        # an instrument that writes a file would take the nudge for a target
+        nudge = 0.0 if along_axes else NUDGE
+        boxes = keep_out_of(keep_out or [])
+        space = WorkingSpace(boxes, tool_radius, nudge=nudge, table=table_radius)
+        task = SurveyTask(
+            grown, space, tools_of(tool or []),
+            waves, held, None if plate is None else read_plate(plate),
+            None if gauge is None else read_gauge(gauge), along_axes,
+        )  # fmt: skip
+        made = _planned(task, instruments, preset, seconds_of(time), places, changed)
+        if out is not None:
+            write_plan(made, out, str(model))
+        if report is not None:
+            from abbe.daemon.report.measurements.survey import page
 
-        page(made, model).write(report)
-    if as_json:
-        say(json.dumps(answer.as_json(made), ensure_ascii=False))
-        return
-    for line in answer.as_text(made):
-        say(line)
-    written = ", ".join(str(p) for p in (out, report) if p is not None)
-    if written:
-        say(said("written: {files}", files=written))
+            page(made, model).write(report)
+        if as_json:
+            say(json.dumps(answer.as_json(made), ensure_ascii=False))
+            return
+        for line in answer.as_text(made):
+            say(line)
+        written = ", ".join(str(p) for p in (out, report) if p is not None)
+        if written:
+            say(said("written: {files}", files=written))
 
 
 def _determined(loaded: Model) -> Model:

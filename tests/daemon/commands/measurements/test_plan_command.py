@@ -1,6 +1,7 @@
 """abbe plan --instruments: the answer, the page, the plan file; what is refused."""
 
 import json
+import re
 
 import pytest
 
@@ -8,6 +9,7 @@ from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import read_plan
 from abbe.daemon.report.page import number
 from tests.support.daemon.command_line import abbe
+from tests.support.daemon.german import english_of
 from tests.support.daemon.pages import packed
 
 NEW = (
@@ -42,6 +44,18 @@ def test_a_plan_its_page_and_its_file_say_the_same(model, tmp_path):
         assert f"<td>{number(setup['after_um'], 3)}</td>" in text
     assert "keep out" in packed(text, "figures")
     assert '"ticktext"' in packed(text, "figures")
+
+
+@pytest.mark.parametrize(
+    "how",
+    [("--wave", "X=10"), ("--preset", "iso230-6", "--time", "1h"), ("--instruments", "ruler")],
+)
+def test_what_is_printed_is_in_the_language_that_is_asked_for(model, how):
+    english, german = abbe("plan", model, *how), abbe("plan", model, *how, "--language", "de")
+    assert german.status == english.status
+    assert english_of(english.out + english.err)
+    assert english_of(german.out + german.err) == []
+    assert re.findall(r"-?\d+\.?\d*", german.out) == re.findall(r"-?\d+\.?\d*", english.out)
 
 
 def test_a_preset_is_planned_as_it_is(model):
