@@ -104,7 +104,7 @@ def plan_check(
                 "nothing that was not fitted can be measured in this time",
                 field="time",
                 found=f"{seconds / 60.0:.0f} min",
-                expected=f"{shortest / 60.0:.0f} min or more, or fewer runs",
+                expected=f"{shortest / 60.0:.0f} min or more, or fewer runs (--runs)",
             )
         first: list[PlannedSetup] = []
         for setup in _coverage(task, pool, lines):

@@ -81,6 +81,22 @@ def test_a_plan_becomes_a_program_as_the_page_says(
     assert (tmp_path / "plan.nc").stat().st_size > 0
 
 
+def test_a_sphere_on_a_trunnion_is_checked_as_the_page_says(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    turn = ["--travel", "A=-95,30", "--travel", "C=0,360"]
+    where = ["--location", "A=250,200,-450", "--location", "C=250,200,-450"]
+    made = abbe("new", "--structure", "w C' A' b X Y Z t", "--travel", "X=0,500", "--travel",
+                "Y=0,400", "--travel", "Z=-400,0", *turn, *where, "-o", "fitted.toml")  # fmt: skip
+    assert made.status == 0, made.err
+    (checking,) = typed(section("measure.md", "A sphere that the control touches by a program"),
+                        "verify")  # fmt: skip
+    run(checking)
+    setups = read_plan(tmp_path / "check.toml", load_model(tmp_path / "fitted.toml").machine).setups
+    assert {s.axis for s in setups} == {"A", "C"}
+
+
 def test_a_check_is_planned_and_judged_as_the_usage_says(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
