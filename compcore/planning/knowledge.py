@@ -21,6 +21,7 @@ from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.linalg import svd
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.machine import own_component
 from abbe.compcore.model.model import Model
 from abbe.compcore.planning.planned_setup import PlannedSetup, resting
 from abbe.compcore.planning.targets import SurveyTask
@@ -29,6 +30,8 @@ F64 = NDArray[np.float64]
 
 _RANK = 1e-10
 _POINTS = 150
+_SINGULAR = 1e-3
+"""Part of its move by which an axis has to move the point aside of what the others can."""
 CHANGED = 0.05
 """Part of its believable size by which a parameter may have changed since a model was fitted."""
 
@@ -40,8 +43,9 @@ class VolumeError:
     Attributes
     ----------
     field
-        Shape (3·points, m): what one believable size of each unknown does to X, Y and Z, mm; moves
-        of the workpiece as a whole, and of the tool in the spindle, are taken out.
+        Shape (3·points, m): what one believable size of each unknown does to X, Y and Z, mm, as far
+        as the machine's axes can take it back; moves of the workpiece as a whole, and of the tool
+        in the spindle, are taken out.
     weight
         Shape (m, m): ``fieldᵀ field / points``; the trace of its product with a covariance is the
         mean square of the error left.
@@ -62,13 +66,15 @@ class VolumeError:
             tool=tools[np.arange(count) % len(tools)],
             signals={name: np.full(count, resting(machine, name)) for name in machine.signals},
         )
-        parts = [_field(task.model, at, u) for u in np.eye(3)]
-        field = np.stack(parts, axis=1).reshape(3 * count, -1)
         chain = Chain(machine, at)
+        within = _within_reach(chain)
+        parts = [_field(task.model, at, u) for u in np.eye(3)]
+        field = (within @ np.stack(parts, axis=1)).reshape(3 * count, -1)
         every = get_args(Component)
         moves = [ErrorMotion(WORKPIECE, k) for k in every]
         moves += [ErrorMotion(SPINDLE, k) for k in every if k in "XYZ"]
-        moved = np.stack([chain.influence(m)[0].reshape(-1) for m in moves], axis=1)
+        each = np.stack([chain.influence(m)[0] for m in moves], axis=2)
+        moved = (within @ each).reshape(3 * count, -1)
         left, size, _ = svd(moved / _sizes(moved))
         left = left[:, size > 1e-9 * size[0]]
         field = field - left @ (left.T @ field)
@@ -89,6 +95,23 @@ class VolumeError:
     def mean(self, covariance: F64) -> float:
         """Root of the mean square of what is left, over the volume, mm."""
         return float(np.sqrt(max(np.einsum("ij,ji->", self.weight, covariance), 0.0)))
+
+
+def _within_reach(chain: Chain) -> F64:
+    """What of a vector the axes can move the functional point along, as matrices, (n, 3, 3).
+
+    Of a lathe nothing along Y: what it errs there stays, however well it is known.
+    """
+    structure = chain.machine.structure
+    n = chain.conditions.n
+    if len(structure.carrying) == len("XYZ"):
+        return np.broadcast_to(np.eye(3), (n, 3, 3))
+    moves = [chain.influence(ErrorMotion(a, own_component(a)))[0] for a in structure.axes]
+    size = [np.maximum(np.linalg.norm(move, axis=1, keepdims=True), 1.0) for move in moves]
+    columns = np.stack([move / s for move, s in zip(moves, size, strict=True)], axis=2)
+    along, much, _ = np.linalg.svd(columns, full_matrices=False)
+    along = along * (much > _SINGULAR)[:, None, :]
+    return np.asarray(along @ np.swapaxes(along, 1, 2))
 
 
 def _sizes(columns: F64) -> F64:

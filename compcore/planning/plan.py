@@ -158,6 +158,14 @@ def plan_survey(
             aim = Knowledge(start.precision, VolumeError.of_parameters(task, apart))
         required = [Chosen(s, added(task, s)) for s in fine]
         chosen = choose(pool, aim, seconds, required=required, progress=tell)
+        if not chosen:
+            raise InputError(
+                "what these instruments show makes nothing surer that the machine's axes can "
+                "correct",
+                field="instruments",
+                found=", ".join(i.key for i in instruments),
+                expected="others: along an axis a laser or a step gauge",
+            )
         placed = {s.instrument.key for s in (*found, *fine)}
         return replace(
             ordered(task, chosen, start),

@@ -107,8 +107,12 @@ def axis_lines(
         share = min(1.0, instrument.reach / long)
         part = (0.5 - 0.5 * share, 0.5 + 0.5 * share)
         count = targets or max(5, int(np.ceil(share * (task.count(axis) - 1))) + 1)
+        seen = set()
         for parts in places:
             ends, place = through(task, axis, parts, part)
+            if place in seen:  # without Y a lathe's lines differ by one place, a rail's by none
+                continue
+            seen.add(place)
             # a machine of one axis has no other that stands anywhere
             where = f" at {place}" if place else ""
             for u, words, kind, free in _readings(instrument, axis, task.machine.structure.upright):

@@ -7,7 +7,7 @@ from typing import Any
 
 from abbe.compcore.planning.plan import PlanStep, SurveyPlan
 from abbe.compcore.planning.setups.presets import PRESETS
-from abbe.compcore.sentences import as_it_stands, joined, said
+from abbe.compcore.sentences import as_it_stands, joined, listed, said
 from abbe.compcore.units import in_digits
 from abbe.daemon.answers.measurements.plan import BEFORE
 
@@ -88,6 +88,7 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
             size=_microns(step.after),
         )  # fmt: skip
     yield said("  ({what})", what=MEANING)
+    yield from unmoved_words(plan)
     if plan.left_out:
         yield said(
             "  NOT WHOLE: there is no time for {what}; more time, or what the preset is made for "
@@ -103,6 +104,18 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
         for key, left in plan.presets.items():
             title = as_it_stands(PRESETS[key].title)
             yield said("    {what}: {size}", what=title, size=_microns(left))
+
+
+def unmoved_words(plan: SurveyPlan) -> Iterator[str]:
+    """What the figures do not count: directions in which no axis could take an error back."""
+    machine = plan.task.machine
+    missing = [a for a in "XYZ" if a not in machine.structure.carrying]
+    if missing and not machine.structure.rotary:
+        yield said(
+            "  errors along {axes} are not counted: the machine has no axis that could correct "
+            "them",
+            axes=listed(missing),
+        )
 
 
 def placeless_words(plan: SurveyPlan) -> Iterator[str]:

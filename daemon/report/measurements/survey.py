@@ -16,7 +16,12 @@ from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.setups.presets import PRESETS
 from abbe.compcore.planning.targets import SurveyTask
 from abbe.daemon.answers.measurements.plan import AFTER, BEFORE
-from abbe.daemon.answers.measurements.survey import MEANING, placeless_words, runs_words
+from abbe.daemon.answers.measurements.survey import (
+    MEANING,
+    placeless_words,
+    runs_words,
+    unmoved_words,
+)
 from abbe.daemon.report.head import PageHead, facts_before, file_on_page
 from abbe.daemon.report.page import Page, number, typeset
 
@@ -39,6 +44,7 @@ def page(plan: SurveyPlan, model: Path) -> Page:
         ]
     )
     made.text(f"{MEANING}.")
+    made.notes([line.strip() for line in unmoved_words(plan)])
     warm = f"warm up {plan.warm_up / 60.0:.0f} min; after a pause of more than 10 min again"
     made.notes([*BEFORE, warm])
     made.notes([line.strip() for line in placeless_words(plan)], warning=True)

@@ -1,0 +1,61 @@
+"""Plans for machines without one of X, Y, Z: what no axis corrects is no reason to measure."""
+
+import numpy as np
+import pytest
+
+from abbe.compcore.errors import InputError
+from abbe.compcore.machine.machine import Axis, Machine
+from abbe.compcore.machine.structure import Structure
+from abbe.compcore.model.start_model import StartOptions, start_model
+from abbe.compcore.planning.instruments import instruments_called
+from abbe.compcore.planning.knowledge import VolumeError
+from abbe.compcore.planning.plan import plan_survey
+from abbe.compcore.planning.targets import SurveyTask
+
+HOUR = 3600.0
+RAIL = Machine("rail", Structure.parse("w b X t"), {"X": Axis("X", (0.0, 2000.0))})
+LATHE = Machine(
+    "lathe", Structure.parse("w (C') b Z X t"),
+    {"Z": Axis("Z", (0.0, 600.0)), "X": Axis("X", (0.0, 250.0))},
+)  # fmt: skip
+ARM = Machine(
+    "arm", Structure.parse("w b C C2 t"),
+    {"C": Axis("C", (-2.0, 2.0)), "C2": Axis("C2", (-2.4, 2.4), (325.0, 0.0, 0.0))},
+)  # fmt: skip
+
+
+def task(machine: Machine) -> SurveyTask:
+    model = start_model(machine, StartOptions(play=True, rotary_motions=True))
+    return SurveyTask(model, tools={"P": (550.0, 0.0, 0.0)})
+
+
+def planned(machine: Machine, *keys: str):
+    return plan_survey(task(machine), instruments_called(keys), 3.0 * HOUR)
+
+
+@pytest.mark.parametrize(
+    ("machine", "counted"), [(RAIL, "X"), (LATHE, "XZ"), (ARM, "XY")], ids=["rail", "lathe", "arm"]
+)
+def test_what_no_axis_moves_is_not_counted(machine, counted):
+    field = VolumeError.of(task(machine)).field
+    size = np.abs(field.reshape(-1, 3, field.shape[1])).max(axis=(0, 2))
+    assert [k for k, s in zip("XYZ", size, strict=True) if s > 1e-9] == list(counted)
+
+
+def test_a_laser_along_its_line_is_enough_for_a_rail_and_is_set_up_once():
+    plan = planned(RAIL, "laser")
+    assert [s.setup.what for s in plan.steps] == ["positioning of X"]
+    # were straightness counted that nobody can correct, most would stay
+    assert plan.stays is not None
+    assert plan.stays < 0.1
+
+
+def test_what_shows_only_what_no_axis_corrects_is_refused():
+    with pytest.raises(InputError, match="nothing surer that the machine's axes can correct"):
+        planned(RAIL, "straightness")
+
+
+def test_nothing_is_read_square_to_the_plane_of_a_lathe():
+    plan = planned(LATHE, "laser", "straightness")
+    assert {s.setup.instrument.key for s in plan.steps} == {"laser", "straightness"}
+    assert all(not s.setup.u[:, :, 1].any() for s in plan.steps)
