@@ -106,7 +106,9 @@ def _within_reach(chain: Chain) -> F64:
     n = chain.conditions.n
     if len(structure.carrying) == len("XYZ"):
         return np.broadcast_to(np.eye(3), (n, 3, 3))
-    moves = [chain.influence(ErrorMotion(a, own_component(a)))[0] for a in structure.axes]
+    letters = {k: k for k in get_args(Component)}
+    own = {a: ErrorMotion(a, letters[own_component(a)]) for a in structure.axes}
+    moves = [chain.influence(own[a])[0] for a in structure.axes]
     size = [np.maximum(np.linalg.norm(move, axis=1, keepdims=True), 1.0) for move in moves]
     columns = np.stack([move / s for move, s in zip(moves, size, strict=True)], axis=2)
     along, much, _ = np.linalg.svd(columns, full_matrices=False)
