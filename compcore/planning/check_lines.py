@@ -17,7 +17,13 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.overlap import SAME_TARGET, overlap
 from abbe.compcore.errors import InputError
 from abbe.compcore.linalg import threads_for
-from abbe.compcore.planning.check_placings import PLACED, apart_by_name, one_of_each, placings
+from abbe.compcore.planning.check_placings import (
+    PLACED,
+    apart_by_name,
+    nowhere_else,
+    one_of_each,
+    placings,
+)
 from abbe.compcore.planning.choice import Candidates, Chosen, Knowledge, choose
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.knowledge import CHANGED, VolumeError, added, prior
@@ -34,6 +40,9 @@ F64 = NDArray[np.float64]
 _PARTS = (0.3, 0.7, 0.15, 0.85)
 _PLACES = tuple((one, other) for one in _PARTS for other in _PARTS)
 """Where the other two axes stand: beside the middle and the corners where lines are fitted."""
+_WITHIN = (0.03, 0.05)
+"""Parts of its travel at the ends of which the only line of a machine is shorter when it checks:
+it lies where the fitted one lies, and none of its targets does."""
 _NEAR = 0.05
 """Part of the travels within which a line lies where a fitted one does."""
 _ALONG = 1.0 - 1e-3
@@ -118,7 +127,7 @@ def plan_check(
             seconds,
             required=[Chosen(s, added(task, s)) for s in first],
         )
-        return apart_by_name(ordered(task, found, start))
+        return apart_by_name(ordered(task, found, start), every=nowhere_else(task))
 
 
 def _lines(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Iterator[PlannedSetup]:
@@ -130,7 +139,7 @@ def _lines(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Iterat
         if instrument.key in _LONG:
             for axis in task.machine.structure.linear:
                 count = task.count(axis) + 2
-                own = axis_lines(task, instrument, _PLACES, count)
+                own = axis_lines(task, instrument, _PLACES, count, _ends_free(task))
                 yield from (s for s in own if s.axis == axis)
         if instrument.key == "laser":
             most = max((task.count(a) for a in task.machine.structure.linear), default=5)
@@ -141,6 +150,11 @@ def _lines(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Iterat
             yield from turns(task, instrument, more=2)
         else:
             yield from placings(task, instrument)
+
+
+def _ends_free(task: SurveyTask) -> tuple[float, float]:
+    """Parts of the travel that check lines leave free at its ends."""
+    return _WITHIN if nowhere_else(task) else (0.0, 0.0)
 
 
 class _FittedLines:
@@ -185,6 +199,8 @@ class _FittedLines:
             if abs(float(seen @ u)) > _ALONG and moved == moves:
                 # along its own axis a line lies where it lies, however far it goes
                 apart = np.abs(ends - other)[:, still] if alone else np.abs(ends - other)
+                if alone and nowhere_else(self._task):
+                    continue
                 nearest = min(nearest, float(apart.max(initial=0.0)))
         return nearest
 

@@ -51,14 +51,19 @@ def placings(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Planne
         yield from ball_plates(task, instrument, _PARTS, (0.5,))
 
 
-def apart_by_name(plan: SurveyPlan) -> SurveyPlan:
-    """The plan with names that no fitted set-up of these instruments has.
+def nowhere_else(task: SurveyTask) -> bool:
+    """Whether a line along an axis has only one place to lie: no other linear axis is there."""
+    return len(task.machine.structure.linear) == 1
+
+
+def apart_by_name(plan: SurveyPlan, *, every: bool = False) -> SurveyPlan:
+    """The plan with names that no fitted set-up of these instruments has; of lines where `every`.
 
     One of the same name in the same region would be taken for the rest of it.
     """
     steps = tuple(
         replace(step, setup=replace(step.setup, name=f"{step.setup.name}_check"))
-        if step.setup.instrument.key in PLACED
+        if every or step.setup.instrument.key in PLACED
         else step
         for step in plan.steps
     )

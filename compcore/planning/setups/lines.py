@@ -92,6 +92,7 @@ def axis_lines(
     instrument: PlannedInstrument,
     places: Sequence[tuple[float, float]] = PARTS,
     targets: int = 0,
+    free: tuple[float, float] = (0.0, 0.0),
 ) -> Iterator[PlannedSetup]:
     """All lines along axes that an instrument may measure.
 
@@ -101,11 +102,13 @@ def axis_lines(
         Where the other two axes stand, parts of their travel.
     targets
         How many on each line; 0: by the rule of steps.
+    free
+        Parts of the line that are left out at its ends.
     """
     for axis in task.machine.structure.linear:
         long = 2.0 * task.machine.axes[axis].half_travel
         share = min(1.0, instrument.reach / long)
-        part = (0.5 - 0.5 * share, 0.5 + 0.5 * share)
+        part = (0.5 - share * (0.5 - free[0]), 0.5 + share * (0.5 - free[1]))
         count = targets or max(5, int(np.ceil(share * (task.count(axis) - 1))) + 1)
         seen = set()
         for parts in places:
@@ -115,13 +118,15 @@ def axis_lines(
             seen.add(place)
             # a machine of one axis has no other that stands anywhere
             where = f" at {place}" if place else ""
-            for u, words, kind, free in _readings(instrument, axis, task.machine.structure.upright):
+            for u, words, kind, unknown in _readings(
+                instrument, axis, task.machine.structure.upright
+            ):
                 tools = task.tools if kind == Kind.DISPLACEMENT else list(task.tools)[:1]
                 for tool in tools:
                     beside = f", tool {tool}" if len(task.tools) > 1 else ""
                     yield line(
                         task, instrument, ends, count, u, f"{words}{where}{beside}",
-                        tool=tool, kind=kind, free=free,
+                        tool=tool, kind=kind, free=unknown,
                     )  # fmt: skip
 
 

@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.overlap import SAME_TARGET, overlap
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.start_model import StartOptions, start_model
+from abbe.compcore.planning.check_lines import plan_check
 from abbe.compcore.planning.instruments import instruments_called
 from abbe.compcore.planning.knowledge import VolumeError
 from abbe.compcore.planning.plan import plan_survey
@@ -48,6 +50,18 @@ def test_a_laser_along_its_line_is_enough_for_a_rail_and_is_set_up_once():
     # were straightness counted that nobody can correct, most would stay
     assert plan.stays is not None
     assert plan.stays < 0.1
+
+
+def test_a_rail_is_checked_on_its_only_line_between_the_fitted_targets():
+    plan = planned(RAIL, "laser")
+    fitted = plan.rows()
+    check = plan_check(task(RAIL), instruments_called(["laser"]), HOUR, fitted, runs=2)
+    (step,) = check.steps
+    assert step.setup.what == "positioning of X"
+    apart = np.abs(step.setup.targets["X"][:, None] - plan.steps[0].setup.targets["X"])
+    assert apart.min() > SAME_TARGET
+    assert np.ptp(step.setup.targets["X"]) > 0.9 * 2000.0
+    assert overlap(fitted, check.rows(), SAME_TARGET).setups == ()
 
 
 def test_what_shows_only_what_no_axis_corrects_is_refused():
