@@ -28,14 +28,21 @@ def advise(diagnosis: Findings, most: int = 4) -> list[Advice]:
 
 
 def _advised(diagnosis: Findings, most: int) -> list[Advice]:
+    result, left = diagnosis.result, diagnosis.left
+    variance = left if left > 0.0 else 1.0  # also where it is NaN
+    share = result.problem.n / diagnosis.whole.problem.n
     for established in diagnosis.established:
         effect = established.found.candidate.effect
-        rivals = [a.found for a in established.aliases if separable(a.found.candidate.effect)]
+        rivals = [
+            a.found
+            for a in established.aliases
+            if not a.told_apart and separable(a.found.candidate.effect)
+        ]
         if rivals and separable(effect):
-            found = _advise(diagnosis.result, established.found, rivals, most)
+            found = _advise(result, established.found, rivals, most, variance=variance, share=share)
             if any(a.separates for a in found):
                 return found
-    return [a for a in _advise(diagnosis.result, None, (), most) if _worth(a)]
+    return [a for a in _advise(result, None, (), most) if _worth(a)]
 
 
 def _worth(advice: Advice) -> bool:

@@ -13,6 +13,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.changed import Change, Standing
 from abbe.compcore.diagnosis.findings import Established, Findings
 from abbe.compcore.diagnosis.hidden_waves import hidden_waves
+from abbe.compcore.diagnosis.judging.aliases import Alias
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.effects import RotaryLocation, SpindleLocation
@@ -56,9 +57,14 @@ def explained(established: Established, diagnosis: Findings) -> list[Sentence]:
     parts = [joined([what, _evidence(established, diagnosis, campaign)], " ")]
     parts += [joined(values, " ")] if values else []
     parts += doubts_of(established.estimates)
-    if established.aliases:
-        names = "; ".join(_alternatives(established))
-        parts.append(said("This campaign cannot tell it from: {names}.", names=names))
+    if names := _alternatives([a for a in established.aliases if not a.told_apart]):
+        parts.append(said("This campaign cannot tell it from: {names}.", names="; ".join(names)))
+    if names := _alternatives([a for a in established.aliases if a.told_apart]):
+        parts.append(said(
+            "As much is explained by: {names}; it would show elsewhere, so both may have a part "
+            "in it.",
+            names="; ".join(names),
+        ))  # fmt: skip
     if cause := section(effect, "Typical causes"):
         parts.append(said("Typical causes: {causes}", causes=_of_page(_sentence(cause))))
     if cure := section(effect, "Cure"):
@@ -80,9 +86,9 @@ def gain_of(established: Established, diagnosis: Findings) -> Sentence:
     )
 
 
-def _alternatives(established: Established) -> list[str]:
+def _alternatives(aliases: Sequence[Alias]) -> list[str]:
     """Specs of what else it could be, the likeliest of each kind first, `_SHOWN` at the most."""
-    effects = [a.found.candidate.effect for a in established.aliases]
+    effects = [a.found.candidate.effect for a in aliases]
     first = {e.kind: e for e in reversed(effects)}
     own = [e for e in effects if first[e.kind] is e]
     return [e.spec for e in (own + [e for e in effects if e not in own])[:_SHOWN]]

@@ -148,8 +148,8 @@ def _look(app: FastAPI, bench: Workbench) -> None:
         return _known(bench.beside(left, right))
 
     @app.post("/api/try")
-    def tried(cause: TriedCause) -> dict[str, Any]:
-        """What a cause would leave; changes nothing."""
+    def tried(cause: TriedCause) -> dict[str, Any] | None:
+        """What a cause would leave, null while causes are not known; changes nothing."""
         return bench.findings.tried(cause.spec, cause.values)
 
 

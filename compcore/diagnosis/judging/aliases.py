@@ -3,7 +3,9 @@
 For a winner with signature ``v = C⊥·β`` in the residuals and another candidate with projected
 columns D⊥, what of v the other cannot imitate is ``λ = ‖v − P_{D⊥}v‖²`` in units of the noise
 variance: the χ² by which the two can be told apart. The cosine of the (principal) angle between v
-and the other's span is ``√(1 − λ/‖v‖²)``. Below `TOLD_APART` they are aliases for this campaign.
+and the other's span is ``√(1 − λ/‖v‖²)``. Below `CERTAINLY_APART` they are aliases for this campaign. Another that it could tell from
+the winner, and that explains as much all the same, is one too: then either may be part of the
+cause.
 """
 
 from __future__ import annotations
@@ -26,7 +28,7 @@ CERTAINLY_APART = 14.0
 
 @dataclass(frozen=True, eq=False)
 class Alias:
-    """A candidate that the campaign cannot tell from another.
+    """A candidate that the campaign cannot tell from another, or that explains as much.
 
     Attributes
     ----------
@@ -41,6 +43,11 @@ class Alias:
     found: WeighedCandidate
     separation: float
     cosine: float
+
+    @property
+    def told_apart(self) -> bool:
+        """Whether the campaign could tell the two apart, were one of them the whole cause."""
+        return self.separation >= CERTAINLY_APART
 
 
 def aliases(

@@ -66,6 +66,9 @@ def advise(
     winner: WeighedCandidate | None,
     rivals: Sequence[WeighedCandidate],
     most: int = 4,
+    *,
+    variance: float = 1.0,
+    share: float = 1.0,
 ) -> list[Advice]:
     """The most useful set-ups, best first.
 
@@ -77,6 +80,10 @@ def advise(
         The leading cause, or None where nothing is missing.
     rivals
         Its aliases, likeliest first; the first two are looked at.
+    variance
+        Noise variance in units of the weights: χ² per degree of freedom once all is explained.
+    share
+        Part of the campaign's rows that `result` was fitted to.
     """
     machine = result.problem.model.machine
     proposals = list(practicable(machine, result.problem.campaign))
@@ -85,6 +92,9 @@ def advise(
     advice: list[Advice] = []
     for rival in rivals[:2] if winner is not None else ():
         now, separated = known.separations(rival, new)
+        # rows that were not looked at tell as much as those that were
+        separated = [now / share + (apart - now) for apart in separated]
+        now, separated = now / (share * variance), [apart / variance for apart in separated]
         spec = rival.candidate.effect.spec
         cause = winner.candidate.effect.spec if winner is not None else None
         advice += [

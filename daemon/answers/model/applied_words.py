@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from abbe.compcore.diagnosis.hidden_waves import hidden_waves
 from abbe.compcore.diagnosis.stepwise import Course
 from abbe.compcore.fitting.cancelling import cancel_lines
-from abbe.compcore.fitting.words import run_away_lines
+from abbe.compcore.fitting.words import run_away_lines, undetermined_lines
 from abbe.compcore.model.course import peak_to_valley, play
 from abbe.compcore.model.model import Model, Term
 from abbe.compcore.units import in_digits, read_in, with_uncertainty
@@ -17,11 +17,11 @@ _SINGLE = 3
 """Coefficients of a shape that say something one by one."""
 
 _NOTHING = 1e-9
-"""µm, µrad: a standard uncertainty below this is none, the value a convention."""
+"""µm, µrad: a standard uncertainty below this is none, the value a convention; a curve is none."""
 
 
 def as_text(course: Course, model: Model) -> Iterator[str]:
-    """What was refused, and the model that was reached."""
+    """What was refused, the model that was reached, and what of it the campaign does not show."""
     for effect in course.refused:
         yield f"not kept, left-out blocks are not predicted better with it: {effect.spec}"
     yield from _refused_by_others(course)
@@ -49,6 +49,8 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
         conditions = course.last.result.problem.campaign.conditions
         for words in hidden_waves(term.effect, nonlinear, model.machine, conditions):
             yield f"    {words}"
+    undetermined = course.last.result.undetermined
+    yield from undetermined_lines([one for one in undetermined if not one.convention])
 
 
 def _refused_by_others(course: Course) -> Iterator[str]:
@@ -96,6 +98,8 @@ def _shape(course: Course, model: Model, term: Term) -> str:
     if reversal is not None:
         least, greatest = (in_digits(b * factor) for b in reversal)
         curve = f"{least} … {greatest} {unit} of play"
+    elif (size or 0.0) * factor < _NOTHING:
+        curve = "not measured"
     else:
         curve = f"{in_digits((size or 0.0) * factor)} {unit} peak to valley"
     return f"{curve} over {axis} {over}, {len(term.values)} coefficients"

@@ -21,7 +21,7 @@ from abbe.compcore.files.model_toml.fit_record import recorded
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import in_digits
 from abbe.daemon.answers.inputs import now
-from abbe.daemon.answers.model.fit import finite
+from abbe.daemon.answers.model.fit import finite, undetermined_json
 from abbe.daemon.answers.model.held_out import HeldOutCampaigns, shares
 from abbe.daemon.installed import abbe_version
 
@@ -159,6 +159,7 @@ class ReachedModel:
             "holdout_shares": shares(self.held_out),
             "not_kept": [e.spec for e in self.course.refused],
             "refused_by_holdout": [[e.spec for e in s] for s in self.course.spoiling],
+            "undetermined": undetermined_json(self.course.last.result),
         }
 
 

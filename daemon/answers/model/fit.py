@@ -85,10 +85,7 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
             held_spindle(result.model, tool_of(result.problem.campaign))
         ),
         "bases": _places(result),
-        "undetermined": [
-            {"text": u.text, "effects": list(u.effects), "convention": u.convention}
-            for u in result.undetermined
-        ],
+        "undetermined": undetermined_json(result),
         "rigid_body": [
             {
                 "motion": t.motion,
@@ -112,6 +109,14 @@ def as_json(result: FitResult, noise: NoiseFloor) -> dict[str, Any]:
             for o in result.outliers
         ],
     }
+
+
+def undetermined_json(result: FitResult) -> list[dict[str, Any]]:
+    """What a campaign does not show of a model, as ``--json`` prints it."""
+    return [
+        {"text": u.text, "effects": list(u.effects), "convention": u.convention}
+        for u in result.undetermined
+    ]
 
 
 def starts_json(problem: Problem, theta: NDArray[np.float64]) -> list[dict[str, Any]]:

@@ -82,8 +82,10 @@ class VersionFindings:
             raise InputError("no rows but those that are drawn", field="brush")
         return self._many.brushed(brush)
 
-    def tried(self, spec: str, values: Mapping[str, float] | None) -> dict[str, Any]:
+    def tried(self, spec: str, values: Mapping[str, float] | None) -> dict[str, Any] | None:
         """What a cause would leave at some values of its parameters; None: as it would be fitted.
+
+        None while the causes are not known, as when one was added a moment ago.
 
         Raises
         ------
@@ -92,7 +94,7 @@ class VersionFindings:
         """
         diagnosis = self._diagnosis
         if diagnosis is None:
-            raise InputError("causes are not known yet", expected="the end of the diagnosis")
+            return None
         trial = self._trial
         if trial is None or trial[0] != spec:
             self._trial = trial = (spec, what_if(diagnosis, spec))

@@ -11,6 +11,7 @@ import pytest
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.diagnosis import Diagnosis, advise, diagnose
 from abbe.compcore.diagnosis.explain import explanation
+from abbe.compcore.diagnosis.judging.aliases import Alias
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model, parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
@@ -66,6 +67,18 @@ def test_bridge_backlash_and_warm_up_are_both_found() -> None:
     # the truth: 4 µm and 5200 s
     assert abs(warm_up["A"].value - 4e-3) < 3 * warm_up["A"].sd
     assert abs(warm_up["tau"].value - 5200.0) < 3 * warm_up["tau"].sd
+
+
+def test_what_a_campaign_tells_apart_is_not_called_the_same() -> None:
+    """Another that explains as much, and would show elsewhere, is no reason to measure again."""
+    found = _diagnosed("p01-mill")
+    one, other = (f for f in found.ranked[5:7])
+    first = replace(found.established[0], aliases=(Alias(one, 3.0, 0.99), Alias(other, 20.0, 0.9)))
+    text = explanation(first, found)
+    assert f"cannot tell it from: {one.candidate.effect.spec}." in text
+    assert f"As much is explained by: {other.candidate.effect.spec};" in text
+    advice = advise(replace(found, established=(first,)))
+    assert {a.separates for a in advice} == {one.candidate.effect.spec}
 
 
 def test_a_short_campaign_is_diagnosed_without_inventing_anything() -> None:

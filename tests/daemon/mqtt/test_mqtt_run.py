@@ -103,15 +103,18 @@ async def test_what_a_run_publishes_and_its_process_killed(
 async def test_no_outage_touches_a_cycle(tmp_path: Path) -> None:
     """Nobody there, a broker that hangs, one that comes back: all in full, and all of it comes."""
     heard = Subscriber()
-    with mosquitto(tmp_path) as broker:
-        broker.kill()
+    with mosquitto(tmp_path, keeps=True) as broker:
+        # what comes before it hears again is kept for it
+        async with heard.listening(broker, stays=True):
+            pass
+        broker.end()
         async with running(tmp_path, None, section(broker.port)) as run:
             await run.until(compensating)
             first = len(run.records)
             logging.getLogger("abbe.test").warning("nobody was there")
             await until(lambda: len(run.records) > first + 100)
             broker.begin()
-            async with heard.listening(broker):
+            async with heard.listening(broker, stays=True):
                 await until(lambda: heard.bodies("/state"))
                 broker.freeze(frozen=True)
                 logging.getLogger("abbe.test").warning("it hung")

@@ -154,7 +154,6 @@ def test_what_is_no_request_is_said_so(bench: OpenedWorkbench, path: str, body: 
 @pytest.mark.parametrize(
     ("path", "body"),
     [
-        ("/api/try", b'{"spec": "backlash axis=Z"}'),  # before the diagnosis
         ("/api/add", b'{"spec": "backlash axis=Q"}'),
         ("/api/add", b'{"spec": "nonsense"}'),
         ("/api/add", b'{"spec": "backlash Z"}'),
@@ -168,6 +167,12 @@ def test_what_cannot_be_is_one_sentence(bench: OpenedWorkbench, path: str, body:
     answered = bench.ask("POST", path, body)
     assert answered.status == 409
     assert b"Traceback" not in answered.body
+
+
+def test_what_is_tried_before_the_diagnosis_is_not_known(bench: OpenedWorkbench) -> None:
+    """As what a window asks for that has just added a cause: no mistake, so nothing is refused."""
+    answered = bench.ask("POST", "/api/try", b'{"spec": "backlash axis=Z"}')
+    assert (answered.status, answered.body) == (200, b"null")
 
 
 def test_every_answer_forbids_what_is_not_from_here(bench: OpenedWorkbench) -> None:

@@ -35,13 +35,30 @@ class Mosquitto:
         Where it listens.
     ca
         Certificate that vouches for it; None: it speaks in the clear.
+
+    Parameters
+    ----------
+    keeps
+        Whether it keeps who subscribed over its own end, and what came for them while they were
+        away.
     """
 
-    def __init__(self, folder: Path, *, tls: bool = False, acl: str = "", more: str = "") -> None:
+    def __init__(
+        self,
+        folder: Path,
+        *,
+        tls: bool = False,
+        acl: str = "",
+        more: str = "",
+        keeps: bool = False,
+    ) -> None:
         self.port = free_port()
         self.ca: Path | None = None
         self._folder = folder
-        lines = [f"listener {self.port} 127.0.0.1", "persistence false", "log_dest none"]
+        lines = [f"listener {self.port} 127.0.0.1", "log_dest none"]
+        lines.append(f"persistence {'true' if keeps else 'false'}")
+        if keeps:
+            lines += [f"persistence_location {folder}/", "queue_qos0_messages true"]
         if os.geteuid() == 0:
             lines.append("user root")
         if tls:
@@ -78,6 +95,12 @@ class Mosquitto:
         if self.process is not None:
             self.process.kill()
             self.process.wait()
+
+    def end(self) -> None:
+        """End it as a service is ended: what it keeps is on the disk."""
+        if self.process is not None:
+            self.process.terminate()
+            self.process.wait(PATIENCE)
 
     def freeze(self, *, frozen: bool) -> None:
         """Have it take connections and never answer, as the kernel goes on; or go on."""
@@ -123,12 +146,15 @@ class Subscriber:
 
     @asynccontextmanager
     async def listening(
-        self, broker: Mosquitto, topics: str = "#", user: str = ""
+        self, broker: Mosquitto, topics: str = "#", user: str = "", *, stays: bool = False
     ) -> AsyncIterator[None]:
-        """Hear everything while the context is open; on entry the broker has taken that."""
+        """Hear everything while the context is open; on entry the broker has taken that.
+
+        One who `stays` goes on to be subscribed after it, and then hears what came meanwhile.
+        """
         context = ssl.create_default_context(cafile=broker.ca) if broker.ca else None
         reader, writer = await asyncio.open_connection("127.0.0.1", broker.port, ssl=context)
-        flags = 0xC2 if user else 0x02
+        flags = (0xC0 if user else 0x00) | (0x00 if stays else 0x02)
         body = _text("MQTT") + bytes([4, flags, 0, 0]) + _text(f"subscriber-{os.getpid()}")
         if user:
             body += _text(user) + _text(SECRET)

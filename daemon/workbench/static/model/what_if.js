@@ -13,19 +13,18 @@ const AGAIN = 1000; // ms until the server is asked again that is away
 export async function tryOut(place, spec, found, state, act) {
   place.dataset.spec = spec;
   delete place.dataset.ready;
+  // trying changes nothing, so it is asked again
+  const later = () => setTimeout(() => { if (place.isConnected && place.dataset.spec === spec) tryOut(place, spec, found, state, act); }, AGAIN);
   let answer;
   try {
     answer = await post("/api/try", {spec});
   } catch (error) {
-    if (error instanceof Lost || error instanceof Outside) {
-      // the frame says so; trying changes nothing, so it is asked again
-      setTimeout(() => { if (place.isConnected && place.dataset.spec === spec) tryOut(place, spec, found, state, act); }, AGAIN);
-      return;
-    }
+    if (error instanceof Lost || error instanceof Outside) return void later(); // the frame says so
     place.replaceChildren(el("h2", {}, t("What if")), el("p", {class: "warning"}, line(error.message)));
     return;
   }
   if (place.dataset.spec !== spec) return; // another one was asked for meanwhile
+  if (!answer) return void later(); // causes are not known yet
   const linked = new Linked(found.rows, answer.values);
   linked.before = found.values;
   const reach = reaches(found.rows, found.values);
@@ -38,7 +37,12 @@ export async function tryOut(place, spec, found, state, act) {
     bars.show(said.rms);
     place.dataset.rms = said.rms;
   };
-  const ask = latest(() => place.isConnected && place.dataset.spec === spec, async () => show(await post("/api/try", {spec, values})));
+  const ask = latest(() => place.isConnected && place.dataset.spec === spec, async () => {
+    const said = await post("/api/try", {spec, values});
+    if (!said) return false;
+    show(said);
+    return true;
+  });
   const controls = answer.sliders.map((s) => new Slider(s, (v) => { values[s.name] = v; ask(); }));
   const amount = new Slider({name: t("amount of it"), unit: "%", value: 100, low: 0, high: 200,
     what: t("0 %: not at all; 100 %: as the measurements say")}, (v) => {
@@ -93,16 +97,15 @@ function panelsOf(found, where) {
   return [...found.panels].sort((a, b) => rank(a) - rank(b) || a.part - b.part).slice(0, 4);
 }
 
-/** One answer at a time; of what is asked meanwhile only the last counts. Asked again until it is answered, while it is `wanted`. */
+/** One answer at a time; of what is asked meanwhile only the last counts. Asked again until it is answered (true), while it is `wanted`. */
 function latest(wanted, work) {
   let busy = false, again = false;
   return async function run() {
     if (busy) { again = true; return; }
     busy = true;
-    try { await work(); } catch {
-      // the server is away, or does not know the causes yet: the frame says so
-      if (wanted()) setTimeout(run, AGAIN);
-    }
+    // the server may be away, or not know the causes yet: the frame says so
+    const done = await work().catch(() => false);
+    if (!done && wanted()) setTimeout(run, AGAIN);
     busy = false;
     if (again) { again = false; run(); }
   };

@@ -155,6 +155,24 @@ def test_apply_says_what_the_held_out_campaign_refused(tmp_path: Path) -> None:
     assert not (tmp_path / "o.toml").exists()
 
 
+def test_apply_says_what_the_campaign_does_not_show(tmp_path: Path) -> None:
+    """Of a bridge only one line along Y was measured: of X, Z and squareness nothing is known."""
+    bridge = DATA.parent / "p02-bridge"
+    head, rows = parts(bridge / "fit.csv")
+    few = written(tmp_path / "few.csv", head, rows[:60])
+    command = ("diagnose", bridge / "model.toml", few, "--apply", "--no-measure-next")
+    said = abbe(*command, "-o", tmp_path / "m.toml").out
+    found = re.search(r"^NOT DETERMINED: (.*): this campaign does not show them", said, re.M)
+    assert found is not None
+    assert {"E_XX", "E_ZZ"} <= set(found[1].split(", "))
+    assert "E_YY" not in found[1].split(", ")
+    assert re.search(r"^  positioning axis=Z: not measured over Z ", said, re.M)
+    assert "⁻¹²" not in said
+    assert "convention: " not in said
+    answer = json.loads(abbe(*command, "-o", tmp_path / "n.toml", "--json").out)
+    assert any("E_ZZ" in one["text"] for one in answer["undetermined"] if not one["convention"])
+
+
 def test_the_page_of_apply_shows_every_step(tmp_path: Path) -> None:
     model, fitted, page = (tmp_path / n for n in ("lathe.toml", "fit.csv", "page.html"))
     model.write_text(LATHE, encoding="utf-8")
