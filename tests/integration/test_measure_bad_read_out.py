@@ -40,7 +40,7 @@ pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 LINE = line_plan("s", "X", [50, 250, 450, 650], instrument="straightness", u=(0.0, 0.0, 1.0),
                  free='["zero", "slope"]', sd=0.8)  # fmt: skip
 OFF_UM = 0.6
-"""µm: what an honest row is off by at most, here: the machine comes back within 0.03, the laser's 0.1."""
+"""µm: what an honest row is off by at most: here the machine comes back within 0.03."""
 
 
 @contextmanager

@@ -3,9 +3,9 @@
 For a winner with signature ``v = C⊥·β`` in the residuals and another candidate with projected
 columns D⊥, what of v the other cannot imitate is ``λ = ‖v − P_{D⊥}v‖²`` in units of the noise
 variance: the χ² by which the two can be told apart. The cosine of the (principal) angle between v
-and the other's span is ``√(1 − λ/‖v‖²)``. Below `CERTAINLY_APART` they are aliases for this campaign. Another that it could tell from
-the winner, and that explains as much all the same, is one too: then either may be part of the
-cause.
+and the other's span is ``√(1 − λ/‖v‖²)``. Below `CERTAINLY_APART` they are aliases for
+this campaign. Another that it could tell from the winner, and that explains as much all the same,
+is one too: then either may be part of the cause.
 """
 
 from __future__ import annotations
