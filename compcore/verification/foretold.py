@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.comparison.compare import Comparison
 from abbe.compcore.distributions import chi2_beyond
 from abbe.compcore.fitting.design.superposition import observation_of, predicted_rows
@@ -25,8 +25,8 @@ F64 = NDArray[np.float64]
 
 SYSTEMATIC = ("E", "M", "B")
 """What a model foretells: of the scatter, in A and R, it says nothing."""
-_FELT = 1e-5
-"""mm or rad below which a part of the covariance moves no figure that anybody reads."""
+_FELT, _TURNED = 1e-5, 1e-8
+"""mm, rad below which a part of the covariance moves no figure that anybody reads."""
 _COMMON = 0.1
 """Of a row's own uncertainty, all rows together, from which what is common is a way by itself."""
 BY_CHANCE = 1e-3
@@ -158,7 +158,7 @@ def uncertain_parts(model: Model, rows: Campaign) -> F64:
     columns = np.einsum("ni,nip->np", seen.toward, moved)
     columns += np.einsum("ni,nip->np", seen.about, turned)
     left, size, _ = svd(columns @ covariance_root(model.covariance))
-    felt = size > _FELT
+    felt = size > (_TURNED if (rows.kind == Kind.ROTATION).all() else _FELT)
     return np.asarray(left[:, felt] * size[felt])
 
 

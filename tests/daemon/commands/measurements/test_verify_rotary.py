@@ -89,6 +89,10 @@ def test_a_rotary_axis_is_in_the_plan_its_program_and_the_certificate(shop: Path
         assert line[state]["E"]["value"] == pytest.approx(wanted, abs=1e-6)
         assert line[state]["B"]["value"] == pytest.approx(play, abs=1e-6)
     assert line["foretold"]["agrees"]
+    # 96 readings of 2 µrad determine 8 coefficients: the mean variance foretold is 8/96 of theirs,
+    # and E is the difference of two places
+    sd = line["foretold"]["figures"]["E"]["sd"]
+    assert sd == pytest.approx(2.0 * np.sqrt(2.0 * 8.0 / 96.0), rel=0.3)
     assert found["outcome"] == "passes"
     page = report.read_text("utf-8")
     assert "µrad" in page
