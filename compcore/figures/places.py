@@ -18,12 +18,13 @@ def places(campaign: Campaign, machine: Machine | None) -> F64:
     Of machines with X, Y and Z, where these stand. An arm or a SCARA robot has only some of them:
     there it is where its joints take the functional point.
     """
-    if machine is None or not _reaches_by_joints(machine):
+    if machine is None or not reaches_by_joints(machine):
         return campaign.functional_moves()
     return np.asarray(Chain(machine, campaign.conditions).point)
 
 
-def _reaches_by_joints(machine: Machine) -> bool:
+def reaches_by_joints(machine: Machine) -> bool:
+    """Whether joints take the functional point where X, Y or Z would: an arm, a SCARA robot."""
     structure = machine.structure
     joints = set(structure.rotary) & set(structure.tool_side)
     return bool(joints) and not {"X", "Y", "Z"} <= set(structure.axes)

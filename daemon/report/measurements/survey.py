@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -11,6 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.figures.figure import COLOURS, GREY, Figure, figure, line
+from abbe.compcore.figures.places import reaches_by_joints
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.planning.plan import PlanStep, SurveyPlan
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.setups.presets import PRESETS
@@ -28,6 +32,11 @@ from abbe.daemon.report.page import Page, number, typeset
 F64 = NDArray[np.float64]
 
 _MOST_PICTURES = 40
+_REACH = "reach of the tip"
+_ARC = 25
+"""Places of a joint on the lines that show its reach."""
+_FEW = 3
+"""Joints beside the one that moves, up to which each of them stands at its ends."""
 
 
 def page(plan: SurveyPlan, model: Path) -> Page:
@@ -110,15 +119,12 @@ def _decades(values: Sequence[float]) -> dict[str, Any]:
 def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
     """The volume, keep-out boxes, the way of the tool's tip, and where the optics stand; mm."""
     shared: dict[str, Any] = {"type": "scatter3d", "hoverinfo": "text"}
-    tool = np.asarray(setup.offset)
-    ends = [task.machine.axes[a].travel if a in task.machine.axes else (0.0, 0.0) for a in "XYZ"]
-    low, high = (np.array([e[i] for e in ends]) + tool for i in (0, 1))
-    traces = [_box(low, high, GREY, "reach of the tip")]
+    traces = [_reach(task.machine, setup)]
     traces += [
         _box(np.array(box.low), np.array(box.high), COLOURS[6], "keep out")
         for box in task.space.keep_out
     ]
-    way = setup.path()
+    way = _stood(task.machine, setup)
     traces.append(
         shared | {"mode": "lines+markers", "name": "targets",
                   "line": {"color": COLOURS[1], "width": 4},
@@ -143,6 +149,43 @@ def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
     return figure(traces, scene=scene, height=480, showlegend=True)
 
 
+def _stood(machine: Machine, setup: PlannedSetup) -> F64:
+    """Where the tip stands at each target, (k, 3), mm; of an arm where its joints take it."""
+    if not reaches_by_joints(machine):
+        return setup.path()
+    return np.asarray(Chain(machine, _conditions(setup, setup.targets)).point)
+
+
+def _conditions(setup: PlannedSetup, at: Mapping[str, F64]) -> Conditions:
+    count = len(next(iter(at.values())))
+    return Conditions(dict(at), tool=np.tile(np.asarray(setup.offset), (count, 1)))
+
+
+def _reach(machine: Machine, setup: PlannedSetup) -> Figure:
+    """What the tip can reach: the travels' box, or what joints draw, one after the other."""
+    if not reaches_by_joints(machine):
+        ends = [machine.axes[a].travel if a in machine.axes else (0.0, 0.0) for a in "XYZ"]
+        low, high = (np.array([e[i] for e in ends]) + np.asarray(setup.offset) for i in (0, 1))
+        return _box(low, high, GREY, _REACH)
+    gap = np.full((1, 3), np.nan)
+    drawn = []
+    for axis, own in machine.axes.items():
+        others = [a for a in machine.axes if a != axis]
+        for stand in product(*(_stands(machine.axes[a], len(others)) for a in others)):
+            at = {a: np.full(_ARC, q) for a, q in zip(others, stand, strict=True)}
+            at[axis] = np.linspace(*own.travel, _ARC)
+            drawn += [np.asarray(Chain(machine, _conditions(setup, at)).point), gap]
+    return _lines(np.concatenate(drawn), GREY, _REACH)
+
+
+def _stands(axis: Axis, others: int) -> tuple[float, ...]:
+    """Where a joint stands while another draws its reach; of many joints in the middle."""
+    straight = float(axis.clamp(np.zeros(1))[0])
+    if others > _FEW:
+        return (straight,)
+    return (*axis.travel, straight) if axis.rotary else axis.travel
+
+
 def _box(low: F64, high: F64, colour: str, name: str) -> dict[str, Any]:
     """The twelve edges of a box, in one line with gaps."""
     corners = np.array(list(product(*zip(low, high, strict=True))))
@@ -151,7 +194,11 @@ def _box(low: F64, high: F64, colour: str, name: str) -> dict[str, Any]:
         for two in corners[i + 1 :]:
             if (one != two).sum() == 1:
                 points += [one, two, np.full(3, np.nan)]
-    edges = np.array(points) if points else np.zeros((0, 3))
+    return _lines(np.array(points) if points else np.zeros((0, 3)), colour, name)
+
+
+def _lines(edges: F64, colour: str, name: str) -> Figure:
+    """Lines with gaps."""
     return {
         "type": "scatter3d", "mode": "lines", "name": name, "hoverinfo": "skip",
         "line": {"color": colour, "width": 2},

@@ -8,55 +8,29 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from html import escape
 from itertools import product
-from math import floor, log10
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.daemon.report.pictures.in_a_plane import plane, sheet
+from abbe.daemon.report.pictures.view import (
+    GRID,
+    HEIGHT,
+    WIDTH,
+    View,
+    round_numbers,
+    segments,
+    text,
+)
+
 F64 = NDArray[np.float64]
 
-_WIDTH, _HEIGHT = 720.0, 500.0
-_LEFT, _RIGHT, _EDGE = 92.0, 130.0, 46.0
 _EYE = (1.25, 1.25, 1.25)
 """Where Plotly stands at first, in units of the box."""
 _SHADES = 21
-_INK, _GRID = "#1b1f24", "#d0d7de"
-_TICKS = 4
-
-
-@dataclass(frozen=True)
-class _View:
-    """The projection: `across` and `up` are unit vectors in the picture, `towards` to the eye."""
-
-    across: F64
-    up: F64
-    towards: F64
-    scale: float
-    shift: F64
-
-    @classmethod
-    def of(cls, eye: Sequence[float], corners: F64) -> _View:
-        towards = np.asarray(eye, dtype=np.float64)
-        towards = towards / np.linalg.norm(towards)
-        across = np.cross([0.0, 0.0, 1.0], towards)
-        across /= np.linalg.norm(across)
-        up = np.cross(towards, across)
-        flat = corners @ np.stack([across, up], axis=1)
-        low, size = flat.min(axis=0), np.ptp(flat, axis=0)
-        room = np.array([_WIDTH - _LEFT - _RIGHT, _HEIGHT - 2.0 * _EDGE])
-        scale = float(np.min(room / np.maximum(size, 1e-12)))
-        middle = (low + 0.5 * size) * scale
-        at = np.array([_LEFT + 0.5 * room[0], _EDGE + 0.5 * room[1]])
-        return cls(across, up, towards, scale, np.array([at[0] - middle[0], at[1] + middle[1]]))
-
-    def __call__(self, points: F64) -> F64:
-        """Points (n, 3) → places in the drawing (n, 2), y downwards."""
-        flat = points @ np.stack([self.across, self.up], axis=1) * self.scale
-        return np.stack([self.shift[0] + flat[:, 0], self.shift[1] - flat[:, 1]], axis=1)
 
 
 def still(figure: Mapping[str, Any]) -> str:
@@ -74,14 +48,20 @@ def still(figure: Mapping[str, Any]) -> str:
     low, high = np.where(flat, low - 0.5, low), np.where(flat, high + 0.5, high)
     eye = scene.get("camera", {}).get("eye", {})
     towards = [float(eye.get(k, e)) for k, e in zip("xyz", _EYE, strict=True)]
-    view = _View.of(towards, np.array(list(product(*zip(low, high, strict=True)))))
+    corners = np.array(list(product(*zip(low, high, strict=True))))
     titles = [_title(scene, k) for k in "xyz"]
-    parts = [*_box(view, low, high, titles)]
+    seen = plane(flat)
+    if seen is None:
+        view = View.of(towards, corners)
+        parts = [*_box(view, low, high, titles)]
+    else:
+        view = View.square(*seen, corners)
+        parts = [*sheet(view, low, high, titles, seen, flat)]
     for trace, place in drawn:
         parts += _trace(trace, view(place))
     parts += _legend(traces)
     return (
-        f'<svg class="still" role="img" viewBox="0 0 {_WIDTH:g} {_HEIGHT:g}" '
+        f'<svg class="still" role="img" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" '
         'xmlns="http://www.w3.org/2000/svg" font-size="12" '
         f'fill="none" stroke-linecap="round">{"".join(parts)}</svg>'
     )
@@ -96,11 +76,11 @@ def _title(scene: Mapping[str, Any], letter: str) -> str:
     return str(title.get("text", "") if isinstance(title, Mapping) else title)
 
 
-def _box(view: _View, low: F64, high: F64, titles: Sequence[str]) -> Iterator[str]:
+def _box(view: View, low: F64, high: F64, titles: Sequence[str]) -> Iterator[str]:
     """The three planes behind, and the scales at the edges in front of them."""
     ends = np.stack([low, high])
     behind = np.where(view.towards > 0.0, 0, 1)  # the end of each axis farther from the eye
-    ticks = [_round_numbers(a, b) for a, b in zip(low, high, strict=True)]
+    ticks = [round_numbers(a, b) for a, b in zip(low, high, strict=True)]
     lines = []
     for fixed in range(3):
         one, two = (k for k in range(3) if k != fixed)
@@ -111,13 +91,13 @@ def _box(view: _View, low: F64, high: F64, titles: Sequence[str]) -> Iterator[st
                 pair[:, over] = value
                 pair[:, along] = ends[:, along]
                 lines.append(pair)
-    yield f'<path stroke="{_GRID}" stroke-width="0.8" d="{_segments(view, lines)}"/>'
+    yield f'<path stroke="{GRID}" stroke-width="0.8" d="{segments(view, lines)}"/>'
     for k in range(3):
         yield from _scale(view, ends, behind, k, ticks[k], titles[k])
 
 
 def _scale(
-    view: _View, ends: F64, behind: NDArray[np.int64], k: int, ticks: Sequence[float], title: str
+    view: View, ends: F64, behind: NDArray[np.int64], k: int, ticks: Sequence[float], title: str
 ) -> Iterator[str]:
     """One axis's numbers: X and Y along the floor's front edges, Z up the edge at the left."""
     edge = np.array([ends[behind[j], j] for j in range(3)])
@@ -140,41 +120,12 @@ def _scale(
     away = away / max(float(np.linalg.norm(away)), 1e-12)
     anchor = "end" if away[0] < -0.3 else "start" if away[0] > 0.3 else "middle"
     for (x, y), value in zip(where[:-1] + 12.0 * away, ticks, strict=True):
-        yield _text(x, y + 4.0, f"{value:g}".replace("-", "−"), anchor)
+        yield text(x, y + 4.0, f"{value:g}".replace("-", "−"), anchor)
     x, y = where[-1] + (44.0 if k < 2 else 62.0) * away
     if k == 2:
-        yield _text(x, y + 4.0, title, "middle", turned=True)
+        yield text(x, y + 4.0, title, "middle", turned=True)
     else:
-        yield _text(x, y + 4.0, title, anchor)
-
-
-def _text(x: float, y: float, words: str, anchor: str, *, turned: bool = False) -> str:
-    turn = f' transform="rotate(-90 {x:.1f} {y:.1f})"' if turned else ""
-    return (
-        f'<text x="{x:.1f}" y="{y:.1f}" fill="{_INK}" text-anchor="{anchor}"{turn}>'
-        f"{escape(words)}</text>"
-    )
-
-
-def _round_numbers(low: float, high: float) -> list[float]:
-    """A few round numbers from `low` to `high`.
-
-    >>> _round_numbers(0.0, 700.0)
-    [0.0, 200.0, 400.0, 600.0]
-    """
-    step = (high - low) / _TICKS
-    power = 10.0 ** floor(log10(step))
-    step = power * min((m for m in (1.0, 2.0, 5.0, 10.0)), key=lambda m: abs(m * power - step))
-    first = int(np.ceil(low / step - 1e-9))
-    last = int(np.floor(high / step + 1e-9))
-    return [round(i * step, 9) + 0.0 for i in range(first, last + 1)]
-
-
-def _segments(view: _View, lines: Sequence[F64]) -> str:
-    if not lines:
-        return ""
-    flat = view(np.concatenate(lines)).reshape(-1, 2, 2)
-    return "".join(f"M{a[0]:.1f} {a[1]:.1f}L{b[0]:.1f} {b[1]:.1f}" for a, b in flat)
+        yield text(x, y + 4.0, title, anchor)
 
 
 def _trace(trace: Mapping[str, Any], flat: F64) -> Iterator[str]:
@@ -253,7 +204,7 @@ def _legend(traces: Sequence[Mapping[str, Any]]) -> Iterator[str]:
         if not style.get("showscale"):
             continue
         low, high = _range(style)
-        left, top, tall = _WIDTH - 84.0, 70.0, _HEIGHT - 160.0
+        left, top, tall = WIDTH - 84.0, 70.0, HEIGHT - 160.0
         step = tall / _SHADES
         for k in range(_SHADES):
             colour = _mixed(style["colorscale"], k / (_SHADES - 1))
@@ -263,9 +214,9 @@ def _legend(traces: Sequence[Mapping[str, Any]]) -> Iterator[str]:
                 f'fill="{colour}"/>'
             )
         unit = style.get("colorbar", {}).get("title", {}).get("text", "")
-        yield _text(left + 7.0, top - 14.0, str(unit), "middle")
+        yield text(left + 7.0, top - 14.0, str(unit), "middle")
         for value in (low, 0.5 * (low + high), high):
             y = top + tall * (1.0 - (value - low) / max(high - low, 1e-300))
             words = f"{value:+.3g}".replace("-", "−") if abs(value) > 1e-12 else "0"
-            yield _text(left + 20.0, y + 4.0, words, "start")
+            yield text(left + 20.0, y + 4.0, words, "start")
         return

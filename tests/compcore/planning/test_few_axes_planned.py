@@ -22,7 +22,7 @@ LATHE = Machine(
 )  # fmt: skip
 ARM = Machine(
     "arm", Structure.parse("w b C C2 t"),
-    {"C": Axis("C", (-2.0, 2.0)), "C2": Axis("C2", (-2.4, 2.4), (325.0, 0.0, 0.0))},
+    {"C": Axis("C", (-2.0, 2.0)), "C2": Axis("C2", (-2.4, 2.4), location=(325.0, 0.0, 0.0))},
 )  # fmt: skip
 
 
