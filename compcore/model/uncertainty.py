@@ -43,8 +43,9 @@ class OutsideMeasured:
 
     def __str__(self) -> str:
         unit = f" {self.unit}" if self.unit else ""
-        measured = f"at {self.low:g}" if self.low == self.high else f"{self.low:g} … {self.high:g}"
-        return f"{self.name} = {self.value:g}{unit} was not measured ({measured}{unit})"
+        low, high = round(self.low, 3), round(self.high, 3)
+        measured = f"at {low:g}" if low == high else f"{low:g} … {high:g}"
+        return f"{self.name} = {round(self.value, 3):g}{unit} was not measured ({measured}{unit})"
 
 
 @dataclass(frozen=True, eq=False)

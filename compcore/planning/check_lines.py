@@ -34,6 +34,7 @@ from abbe.compcore.planning.setups.lines import axis_lines, diagonals
 from abbe.compcore.planning.setups.points import gauge_blocks
 from abbe.compcore.planning.setups.rotations import turns
 from abbe.compcore.planning.targets import SurveyTask
+from abbe.compcore.sentences import said
 
 F64 = NDArray[np.float64]
 
@@ -113,7 +114,10 @@ def plan_check(
                 "nothing that was not fitted can be measured in this time",
                 field="time",
                 found=f"{seconds / 60.0:.0f} min",
-                expected=f"{shortest / 60.0:.0f} min or more, or fewer runs (--runs)",
+                expected=said(
+                    "{minutes} min or more, or fewer runs (--runs)",
+                    minutes=f"{shortest / 60.0:.0f}",
+                ),
             )
         first: list[PlannedSetup] = []
         for setup in _coverage(task, pool, lines):

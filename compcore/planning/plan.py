@@ -108,6 +108,20 @@ def campaign_of(task: SurveyTask, setups: Sequence[PlannedSetup], start: float =
     return replace(joined, conditions=conditions)
 
 
+_ELSE = "instruments that reach, room in the travels, more time"
+_AT_ARMS = (
+    "laser, straightness, angle, rotary-calibrator along the axes that are there; poses of an arm "
+    "are driven by its own program and brought as a campaign (docs/campaigns.md), that abbe fit "
+    "and diagnose take"
+)
+
+
+def _by_joints(task: SurveyTask) -> bool:
+    """Whether joints stand for X, Y or Z: points in space are planned with all of these only."""
+    structure = task.machine.structure
+    return bool(structure.rotary) and len(structure.carrying) < len("XYZ")
+
+
 def plan_survey(
     task: SurveyTask,
     instruments: Sequence[PlannedInstrument],
@@ -149,7 +163,7 @@ def plan_survey(
                 "no set-up of these instruments can be done on this machine in this time",
                 field="instruments",
                 found=", ".join(i.key for i in instruments),
-                expected="instruments that reach, room in the travels, more time",
+                expected=_AT_ARMS if _by_joints(task) else _ELSE,
             )
         volume = VolumeError.of(task)
         start = Knowledge.beforehand(prior(task.model, changed), volume)

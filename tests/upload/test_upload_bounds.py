@@ -50,6 +50,13 @@ def test_entries_slopes_and_corrections():
     assert found.entry_urad == 0.0
 
 
+def test_a_slope_out_of_bounds_says_what_it_is_of_the_way():
+    # 12.5 µm over 1 mm: a scale that is 1.25 % wrong
+    found = extent([table("X", "X", [0.0, 2.0], [0.0, 0.025])], MODEL, NO_TOOL)
+    with pytest.raises(OutOfBoundsError, match=r"12\.5 µm/mm; .* allows 5 µm/mm: 1\.25 % of"):
+        check(found, None, Limits(100.0, None, 5.0, 100.0, 100.0))
+
+
 def test_a_product_counts_with_the_end_of_its_lever():
     """20 µrad of Y at its end; Z counts from −100, so its lever reaches 200 mm down to −300."""
     product = replace(table("Y", "X", [0.0, 400.0], [0.0, 20e-6]), lever=("Z", -100.0))

@@ -120,6 +120,16 @@ def unmoved_words(plan: SurveyPlan) -> Iterator[str]:
 
 def placeless_words(plan: SurveyPlan) -> Iterator[str]:
     """Instruments at hand that the plan cannot place."""
+    structure = plan.task.machine.structure
+    if structure.rotary and len(structure.carrying) < len("XYZ"):
+        for title in plan.placeless:
+            yield said(
+                "  NO PLACE for {instrument}: points in space are planned on machines with X, Y "
+                "and Z; an arm drives poses spread over all its joints by its own program, and "
+                "they are brought as a campaign (docs/campaigns.md)",
+                instrument=as_it_stands(title),
+            )
+        return
     for title in plan.placeless:
         yield said(
             "  NO PLACE for {instrument}: none of its set-ups lies within the travels, keep-out "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
+from abbe.compcore.errors import InputError
 from abbe.compcore.sentences import said
 from abbe.compcore.verification.verdict import VerdictOutcome
 from abbe.daemon.calibration.asking import AskPerson
@@ -206,12 +207,20 @@ def _verified(
     def planned() -> None:
         from abbe.daemon.commands.measurements.verify import verify
 
-        verify(
-            calibrated, out=plan_file, fitted=[campaign], time=request.check_time, runs=2,
-            tool=list(request.tools), instruments=request.checked_by, gauge=request.gauge,
-            plate=request.plate, along_axes=request.by_file,
-            table_radius=request.radii[0], tool_radius=request.radii[1],
-        )  # fmt: skip
+        try:
+            verify(
+                calibrated, out=plan_file, fitted=[campaign], time=request.check_time, runs=2,
+                tool=list(request.tools), instruments=request.checked_by, gauge=request.gauge,
+                plate=request.plate, along_axes=request.by_file,
+                table_radius=request.radii[0], tool_radius=request.radii[1],
+            )  # fmt: skip
+        except InputError as error:
+            if error.field != "time":
+                raise
+            needed = said("{n} min or more", n=(error.expected or "").partition(" ")[0])
+            raise InputError(
+                error.problem, field="check-time", found=error.found, expected=needed
+            ) from None
         if request.by_file:
             write_targets(plan_file, calibrated, file(CHECK_TARGETS))
 

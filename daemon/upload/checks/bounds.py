@@ -110,7 +110,9 @@ def check(extent: Extent, change_um: float | None, limits: Limits) -> None:
     if extent.entry_urad > 0.0 and limits.entry_urad is None:
         raise OutOfBoundsError(
             f"the tables hold angles up to {extent.entry_urad:.1f} µrad, and upload.max_entry_urad "
-            "does not say how large they may be"
+            "does not say how large they may be: look at the tables (abbe table --report), and "
+            "state the key in [upload] where the figure is right; 100 µrad are 50 µm at 500 mm "
+            "from the axis"
         )
     rows: tuple[tuple[str, str, float, float, str], ...] = (
         ("an entry", "max_entry_um", extent.entry_um, limits.entry_um, "µm"),
@@ -122,7 +124,7 @@ def check(extent: Extent, change_um: float | None, limits: Limits) -> None:
         if not found <= allowed:
             raise OutOfBoundsError(
                 f"{what} of the new tables reaches {in_digits(found, 4)} {unit}; "
-                f"upload.{key} allows {allowed:g} {unit}"
+                f"upload.{key} allows {allowed:g} {unit}{_meaning(key, found)}"
             )
     if change_um is not None and not change_um <= limits.change_um:
         raise OutOfBoundsError(
@@ -130,6 +132,17 @@ def check(extent: Extent, change_um: float | None, limits: Limits) -> None:
             "active now; "
             f"upload.max_change_um allows {limits.change_um:g} µm (--max-change for this once)"
         )
+
+
+def _meaning(key: str, found: float) -> str:
+    """What a figure that is out of bounds is likely to be, and what to do."""
+    if key != "max_slope_um_per_mm":
+        return ""
+    return (
+        f": {in_digits(0.1 * found)} % of the way. So much is a wrong unit or ratio, or two points "
+        "too near each other, more often than an error of the axis: put the ratio right at the "
+        "control; raise the bound where the figure is right"
+    )
 
 
 def _largest(table: Table, model: Model) -> float:
