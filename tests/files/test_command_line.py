@@ -146,10 +146,7 @@ def test_names_that_are_no_utf_8(shop: Path):
     (shop / names["c"]).write_bytes((shop / "day.csv").read_bytes())
     for line in (
         "fit m c -o o --report r --json",
-        "compare o c --report r --json",
-        "history o --report r --json",
         "diagnose o c --report r --json",
-        "iso230 c --report r --json",
         "table o --controller linuxcnc -o t --report r --json",
     ):
         words = [names.get(word, word) for word in line.split()]

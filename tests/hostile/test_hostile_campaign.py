@@ -246,7 +246,7 @@ def mutated() -> Iterator[Case]:
 CASES = [*cells(), *head(), *gauges(), *large(), *values(), *points(), *mutated()]
 
 
-@pytest.mark.one_in(6)
+@pytest.mark.one_in(12)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_bad_campaign_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)

@@ -256,13 +256,14 @@ def journals() -> Iterator[Case]:
 CASES = [*numbers(), *words(), *mutated(), *plugins(), *without(), *journals()]
 
 
-@pytest.mark.one_in(6)
+@pytest.mark.one_in(12)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_bad_configuration_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)
     assert not faults(case, outcome, tmp_path)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("case", list(without()), ids=str)
 def test_what_needs_no_broken_plugin_is_done(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)

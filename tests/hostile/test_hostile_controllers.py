@@ -176,13 +176,14 @@ def bad_ini() -> Iterator[Case]:
 CASES = [*named(), *mutated(), *bad_ini()]
 
 
-@pytest.mark.one_in(6)
+@pytest.mark.one_in(12)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_bad_table_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)
     assert not faults(case, outcome, tmp_path)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("name", READ)
 def test_the_good_one_is_read(name: str, tmp_path: Path) -> None:
     kind, options = READ[name]

@@ -211,6 +211,7 @@ def test_one_that_is_late_by_seconds_gives_no_row_of_the_target_before(
         assert off(process, found) < 2.0 * 0.8 + OFF_UM
 
 
+@pytest.mark.thorough
 def test_of_a_line_that_garbles_two_answers_of_five_the_others_count(tmp_path: Path) -> None:
     with shop(tmp_path, garbled=0.4) as (process, run, machine):
         machine.all()

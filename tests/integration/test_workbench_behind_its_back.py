@@ -98,6 +98,7 @@ def served(route: Route, body: str) -> None:
     route.fulfill(body=body, content_type="application/json")
 
 
+@pytest.mark.thorough
 def test_a_browser_that_is_closed_while_a_cause_is_added(
     browser: Browser, files: tuple[str | Path, ...], tmp_path: Path
 ) -> None:
@@ -154,6 +155,7 @@ def test_a_model_that_is_replaced_on_the_disk(
         expect(page.locator("#differ")).to_be_hidden()
 
 
+@pytest.mark.thorough
 def test_live_while_the_service_is_started_anew_and_the_clock_is_set_back(
     browser: Browser, tmp_path: Path
 ) -> None:

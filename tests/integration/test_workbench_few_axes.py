@@ -42,9 +42,9 @@ def looked_at(page: Page) -> None:
     ("name", "title", "cause"),
     [
         ("lathe", "X stands ", PLAY),
-        ("slit", "X stands ", PLAY),
+        pytest.param("slit", "X stands ", PLAY, marks=pytest.mark.thorough),
         pytest.param("SCARA", "The model does not hold", TURNED, marks=pytest.mark.thorough),
-        ("arm", "The model does not hold", TURNED),
+        pytest.param("arm", "The model does not hold", TURNED, marks=pytest.mark.thorough),
     ],
 )
 def test_the_loop(browser: Browser, tmp_path: Path, name: str, title: str, cause: str) -> None:

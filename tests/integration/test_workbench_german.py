@@ -55,6 +55,7 @@ def test_words_that_are_found() -> None:
     assert english_of("Ursache: backlash axis=Z; Datei the_axis.csv, --of, 3 mm") == []
 
 
+@pytest.mark.thorough
 def test_the_model(browser: Browser, tmp_path: Path) -> None:
     """In the dark, too; and for everybody as each view stands."""
     words = json.loads((STATIC / "words" / "de.json").read_text("utf-8"))

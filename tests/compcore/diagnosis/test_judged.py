@@ -28,6 +28,7 @@ def reached(name: str, start: str) -> tuple[Model, float]:
     return model, 1e3 * compare(model, other).lengths.rms
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(("name", "least"), [("null_bridge", 0.444), ("scale_one_end", 0.404)])
 def test_the_bare_machine_gets_its_motions_and_nothing_that_imitates_them(
     name: str, least: float

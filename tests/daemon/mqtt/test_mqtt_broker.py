@@ -24,7 +24,6 @@ pytestmark = [
 ]
 
 ACL = "user abbe\ntopic write plant/mill/#\nuser reader\ntopic read #\n"
-KILLS = 50
 
 
 class Gate:
@@ -135,8 +134,9 @@ def first_ids(subscriber: Subscriber) -> list[int]:
     return list(dict.fromkeys(body["id"] for body in subscriber.bodies("/events")))
 
 
-async def test_nothing_is_lost_and_all_in_order_with_a_broker_killed_fifty_times(
-    tmp_path: Path,
+@pytest.mark.parametrize("kills", [10, pytest.param(50, marks=pytest.mark.thorough)])
+async def test_nothing_is_lost_and_all_in_order_with_a_broker_killed_again_and_again(
+    tmp_path: Path, kills: int
 ) -> None:
     subscriber = Subscriber()
     with mosquitto(tmp_path, tls=True, acl=ACL) as broker:
@@ -144,7 +144,7 @@ async def test_nothing_is_lost_and_all_in_order_with_a_broker_killed_fifty_times
             gate.open = False
             publishing = Publishing(tmp_path, gate.port, broker, user="abbe")
             async with publishing.at_work():
-                for _ in range(KILLS):
+                for _ in range(kills):
                     heard = len(subscriber.heard)
                     # who subscribes later has missed what the broker took: that is MQTT's
                     async with subscriber.listening(broker, user="reader"):
@@ -161,9 +161,9 @@ async def test_nothing_is_lost_and_all_in_order_with_a_broker_killed_fifty_times
                     broker.begin()
                 async with subscriber.listening(broker, user="reader"):
                     gate.open = True
-                    await until(lambda: first_ids(subscriber)[-1:] == [50 * KILLS])
+                    await until(lambda: first_ids(subscriber)[-1:] == [50 * kills])
                     await until(lambda: not publishing.spool.oldest(1))
-    assert first_ids(subscriber) == list(range(1, 50 * KILLS + 1))
+    assert first_ids(subscriber) == list(range(1, 50 * kills + 1))
     assert publishing.spool.lost == publishing.publisher.refused == 0
     assert len({body["series"] for body in subscriber.bodies("/events")}) == 1
 

@@ -61,6 +61,7 @@ def test_a_sound_machine_is_not_accused_in_a_year(shop: Path) -> None:
     assert all(0.5 < s["usual"] < 1.0 for s in found["series"])
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("what", ["crash", "levelling", "sensor", "quill"])
 def test_what_happens_to_a_machine_is_told_within_so_many_checks(shop: Path, what) -> None:
     campaign = year(shop, what, checks=AT + WITHIN[what])

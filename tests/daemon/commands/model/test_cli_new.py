@@ -71,6 +71,7 @@ def measured(model: Model, seed: int) -> Campaign:
     return with_truth(model, campaign, random_theta(model, campaign, rng), rng)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("name", COMMON_MACHINES)
 def test_every_common_machine_gets_a_model_that_is_fitted(tmp_path: Path, name: str) -> None:
     axis = "X"

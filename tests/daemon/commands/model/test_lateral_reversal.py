@@ -171,6 +171,7 @@ def test_rotary_axes(tmp_path, spec, shift, turn, column, step):
 DATA = Path(__file__).parents[3] / "data" / "p02-bridge"
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("axis", "direction", "per_mm", "spec"),
     [
