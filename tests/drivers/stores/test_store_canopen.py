@@ -280,7 +280,7 @@ async def test_an_adapter_that_goes_amid_the_transfer_and_comes_back(
 
 async def test_an_adapter_that_stays_away_is_reported(control: SimulatedProcess) -> None:
     begin(control)
-    async with store(control, timeout=0.3, reconnect_within=0.5, attempts=2) as one:
+    async with store(control, timeout=1.5, reconnect_within=0.5, attempts=2) as one:
         control.order("unplug")
         try:
             with pytest.raises((LinkDownError, LinkTimeoutError)):
