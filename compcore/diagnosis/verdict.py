@@ -21,7 +21,7 @@ from abbe.compcore.diagnosis.advice import Advice, advise
 from abbe.compcore.diagnosis.changed import Standing, standing
 from abbe.compcore.diagnosis.explain import headline, parameter
 from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, measured_kinds
-from abbe.compcore.diagnosis.judging.competition import compete, standing_beside
+from abbe.compcore.diagnosis.judging.competition import compete, rivals, standing_beside
 from abbe.compcore.diagnosis.judging.established import (
     established_cause,
     on_all_rows,
@@ -231,7 +231,7 @@ def _diagnosed(
         chosen = standing_beside(pool, basis, chosen, unexplained, blocks)
         unexplained = unexplained if chosen else patterns.established(basis)
     while chosen:
-        together = standing_together(pool, _described(basis, unexplained), chosen)
+        together = standing_together(pool, _described(basis, rivals(unexplained, chosen)), chosen)
         if len(together) == len(chosen):
             break
         chosen = predicting(pool, basis, together, blocks)
@@ -241,7 +241,7 @@ def _diagnosed(
         basis = replace(basis, share=1.0)
         unexplained = patterns.established(basis)
     progress("aliases and cross-validation")
-    background = _described(basis, unexplained)
+    background = _described(basis, rivals(unexplained, chosen))
     after = pool.joined(background, chosen)
     variance = after.variance
     part = result.problem.n / whole.problem.n

@@ -64,6 +64,19 @@ def pairs_by_sense(signals: Iterable[Signal], axis: str) -> list[tuple[Signal, S
     return sorted(combinations(signals, 2), key=rank)
 
 
+_LENGTHS = ("mm", "um", "µm", "nm", "m")
+_ANGLES = ("deg", "rad", "mrad", "urad", "µrad", "arcsec")
+_WEIGHTS = ("kg", "t", "N", "kN", "Nm")
+_PRESSURES = ("bar", "mbar", "Pa", "hPa", "kPa", "MPa")
+_NO_HEAT = frozenset({*_LENGTHS, *_ANGLES, *_WEIGHTS, *_PRESSURES, "s"})
+"""Units of what warms nothing: lengths, angles, times, weights, forces, pressures."""
+
+
+def heats(signal: Signal) -> bool:
+    """Whether a body may warm by a signal: a temperature, a speed, a current, a power, a valve."""
+    return signal.temperature or signal.unit not in _NO_HEAT
+
+
 ACTING = ("load", "speed", "coolant", "other")
 """Roles of signals that are no temperatures, and by which a body warms or bends all the same."""
 

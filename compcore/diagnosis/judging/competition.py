@@ -19,6 +19,7 @@ from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.screening.search import joint_value, search
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import Patterns, ResidualPattern
+from abbe.compcore.effects.catalogue.linear.reversal import ReversalEffect
 
 _SAME = 2.0
 """Difference in χ² that is none."""
@@ -29,6 +30,9 @@ _COINCIDENCE = 8.0
 _ALL_BUT = 0.999
 """Part of what the best description explains above which a cause is not its rival, but nearly all
 of it: what is left is a thirtieth in size."""
+
+_MOST_OF = 0.5
+"""Part of what the best description explains from which on reversals are what it describes."""
 
 BEYOND_DOUBT = 40.0
 """Least evidence of a cause that is found beside structure which no cause explains."""
@@ -53,6 +57,8 @@ def compete(
     by_causes = (
         joint_value(basis, after, chosen) - _COINCIDENCE * (len(chosen) - 1) if chosen else 0.0
     )
+    if reversals := _reversals(pool, basis, chosen, strong[0]):
+        return reversals, patterns.established(pool.joined(basis, reversals))
     left = patterns.established(after) if chosen else strong
     # a description costs `EMPIRICAL` more: where it says more all the same, no cause is named,
     # unless the causes predict better what was left out
@@ -94,6 +100,32 @@ def compete(
         both = pool.joined(extended, more)
         more = [] if patterns.established(both) else more
     return more, described + [s for s in strong[1:] if s not in described]
+
+
+def _reversals(
+    pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate], described: ResidualPattern
+) -> list[WeighedCandidate]:
+    """The reversals of an axis that say most of a description which flips with its direction.
+
+    Nothing else flips with it. What they leave is how the play grows along another axis, or with
+    the feed: that is described beside them, and is no rival.
+    """
+    own = [f for f in chosen if _flips(described, f)]
+    explained = basis.chi2 - pool.joined(basis, own).chi2
+    return own if own and explained > _MOST_OF * described.drop else []
+
+
+def rivals(
+    described: Sequence[ResidualPattern], chosen: Sequence[WeighedCandidate]
+) -> list[ResidualPattern]:
+    """Those descriptions that are not how one of the causes, a reversal, varies."""
+    return [s for s in described if not any(_flips(s, f) for f in chosen)]
+
+
+def _flips(described: ResidualPattern, found: WeighedCandidate) -> bool:
+    """Whether a description flips with the direction of the axis of which a cause is a reversal."""
+    effect = found.candidate.effect
+    return isinstance(effect, ReversalEffect) and f"{effect.axis}_dir" in described.depends_on
 
 
 def _foretell(

@@ -15,6 +15,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from abbe.compcore.diagnosis.screening.candidates import ALONG_AN_AXIS, RIGID
 from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import gain
@@ -64,7 +65,8 @@ def foretelling(
         left = pool.left_out(pool.joined(basis, together), blocks.usual).residual
         basis = replace(basis, share=max(share, independent_share(left, blocks.conditions)))
         chosen, ranked = search(pool, basis)
-    chosen = predicting(pool, basis, _reading(pool, basis, chosen, blocks), blocks)
+    chosen = _guided(pool, basis, _reading(pool, basis, chosen, blocks), blocks)
+    chosen = predicting(pool, basis, chosen, blocks)
     return basis if chosen else replace(basis, share=1.0), chosen, ranked
 
 
@@ -99,6 +101,42 @@ def _reading(
         same = [key for key, (foretells, _) in gains.items() if foretells > most - _NO_BETTER]
         best = max(same, key=lambda key: gains[key][1], default=f.key)
         out = [next((g for g in alike if g.key == best), f) if g is f else g for g in out]
+    return out
+
+
+def _guided(
+    pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate], blocks: Blocks
+) -> list[WeighedCandidate]:
+    """The causes with an axis's error motion in place of a dent or a wave that foretells less.
+
+    A guideway is bent in waves of its bolts, and turns what it carries: one of them looks like a
+    dent, and through a lever like a screw's turn. In enough detail its error motion explains all of
+    it, and foretells the others.
+    """
+    out = list(chosen)
+    for f in chosen:
+        if f.candidate.effect.kind not in ALONG_AN_AXIS:
+            continue
+        axis = getattr(f.candidate.effect, "axis", "")
+        others = [g for g in out if g.key != f.key]
+        beside = pool.joined(basis, others)
+        own = foretold(pool, beside, f, blocks, pool.joined(beside, [f]))
+        motions = [
+            g
+            for g in pool.ranked(beside, taken(pool, others))
+            if g.candidate.effect.kind in RIGID
+            and getattr(g.candidate.effect, "axis", "") == axis
+            and g.established(basis.n)
+            and g.screened.drop >= f.screened.drop
+        ]
+        gains = {
+            g.key: foretold(pool, beside, g, blocks, pool.joined(beside, [g]))
+            for g in motions[:LEADERS]
+        }
+        best = max(gains, key=lambda key: gains[key], default=f.key)
+        if best in gains and gains[best] > own + WORTH:
+            (instead,) = (g for g in motions if g.key == best)
+            out = [instead if g is f else g for g in out]
     return out
 
 

@@ -17,6 +17,12 @@ _ABSURD = 10.0
 
 _OF_A_GUIDEWAY = ("positioning", "straightness", "angular", "cross_angular")
 
+_TOLD = 2.0
+"""Standard uncertainties from which on a value is told from 0 (ISO/IEC Guide 98-3, k = 2)."""
+
+_FEW = 4
+"""Coefficients up to which each says something by itself."""
+
 _TWO = 2.0
 """Least ratio of two time constants behind one signal."""
 
@@ -78,6 +84,18 @@ def sound(model: Model, effect: Effect) -> bool:
             if not low - 2.0 * sd <= values[p.name].value <= high + 2.0 * sd:
                 return False
     return True
+
+
+def told_from_nothing(model: Model, effect: Effect) -> bool:
+    """Whether one of an effect's coefficients differs from 0 by more than its uncertainty (k = 2).
+
+    Of a shape with many coefficients no single one says anything, so it always is.
+    """
+    values = next((t.values for t in model.terms if t.effect == effect), {})
+    found = [values[p.name] for p in effect.linear(model.machine) if p.name in values]
+    if not found or len(found) > _FEW:
+        return True
+    return any(v.sd is None or abs(v.value) > _TOLD * v.sd for v in found)
 
 
 def absurd(model: Model, effect: Effect) -> bool:

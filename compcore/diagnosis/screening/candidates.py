@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import islice, product
+from itertools import product
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
-from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.errors import InputError
@@ -37,6 +36,9 @@ RIGID = (
 
 PLAIN = ("scale", "squareness", "rotary_location", "spindle_location", "spindle_squareness")
 """The plain geometry that every machine has: constants of its axes."""
+
+ALONG_AN_AXIS = ("cyclic", "local_defect")
+"""Causes that are a function of one linear axis's position, as an error motion of any detail is."""
 
 Cause = tuple[str, tuple[tuple[str, str], ...]]
 """Kind and place of an effect (`identity`)."""
@@ -166,17 +168,16 @@ def stated_laser(campaign: Campaign) -> bool:
 def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
     """Splines, polynomials and waves of the model with more coefficients.
 
-    Twice as many; where few set-ups follow each axis closely, also four times and so on: what is
-    far finer than the shape that is there is not seen by twice the detail.
+    Twice as many, four times and so on: what is far finer than the shape that is there, as the
+    waves that a rail's bolts make, is not seen by twice the detail.
     """
     machine = model.machine
-    few = len(campaign.setups) < FOLDS
     for effect in model.effects:
         axis = getattr(effect, "axis", None)
         if axis is None or axis not in campaign.conditions.positions:
             continue
         details = finer(effect, campaign.conditions, machine)
-        for detail in details if few else islice(details, 1):
+        for detail in details:
             refined = effect.model_copy(update=detail)
             yield Candidate(refined, cost_of(refined, machine, 1))
 

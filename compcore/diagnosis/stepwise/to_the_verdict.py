@@ -17,7 +17,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.mistaken import mistakes
 from abbe.compcore.diagnosis.screening.body_motions import of_a_body
-from abbe.compcore.diagnosis.screening.candidates import RIGID
+from abbe.compcore.diagnosis.screening.candidates import ALONG_AN_AXIS, RIGID
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
 from abbe.compcore.diagnosis.stepwise.describing import describe
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, Progress
@@ -34,6 +34,7 @@ from abbe.compcore.diagnosis.stepwise.warmth import (
 )
 from abbe.compcore.diagnosis.stepwise.whole_body import whole_body
 from abbe.compcore.diagnosis.stepwise.whole_chain import whole_chain, whole_weight
+from abbe.compcore.diagnosis.stepwise.within_noise import take_out_noise
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.distributions import chi2_limit
 from abbe.compcore.effects.base import Effect
@@ -55,9 +56,6 @@ _FEWEST_BLOCKS = 3
 
 _COLUMNS = 100
 """Parameters that the models on the way have, about: for the choice of threads."""
-
-ALONG_AN_AXIS = ("cyclic", "local_defect")
-"""Causes that are a function of one linear axis's position, as an error motion of any detail is."""
 
 
 def to_the_verdict(
@@ -214,6 +212,8 @@ def _followed(growing: GrowingModel) -> Course:
     else:
         if growing.prune():
             diagnosis = growing.diagnosed()
+    if take_out_noise(growing):
+        diagnosis = growing.diagnosed()
     kept = set(growing.steps[-1].result.model.effects)
     refused = tuple(e for e in growing.refused if e not in kept)
     spoiling = tuple(s for s in growing.spoiling.values() if not kept.issuperset(s))

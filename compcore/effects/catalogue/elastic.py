@@ -233,10 +233,15 @@ class OverhangSag(Effect):
         """Each linear axis that moved as its own beam, then at the other axes of its side.
 
         Of the latter none in X: it lies level (ISO 841, 5.3.1), and what bends under weight bends
-        downwards. Which of Z and Y is upright is not known.
+        downwards. Which of Z and Y is upright is not known, but where a ram reaches along Y it is
+        Z. What stands on the bed and carries other axes, a column or a gantry, rolls along its
+        rails: as it moves nothing reaches further out.
         """
         structure = machine.structure
-        moving = [a for a in structure.linear if a in coverage.moving]
+        tool_side = [a for a in structure.tool_side if a in structure.linear]
+        stands = tool_side[0] if len(tool_side) > 1 else None
+        level = "XY" if tool_side and own_component(tool_side[-1]) == "Y" else ""
+        moving = [a for a in structure.linear if a in coverage.moving and a != stands]
         sides = (structure.workpiece_side, structure.tool_side)
         pairs = [(a, a) for a in moving]
         pairs += [
@@ -249,7 +254,9 @@ class OverhangSag(Effect):
         ]
         for axis, by in pairs:
             for direction in TRANSLATIONS:
-                if direction != own_component(by) and (axis == by or direction != "X"):
+                if direction == own_component(by) or direction in level:
+                    continue
+                if axis == by or direction != "X":
                     yield cls(axis=axis, direction=direction, by=by)
 
 

@@ -17,6 +17,7 @@ from abbe.compcore.effects.signals import (
     LaggedEffect,
     by_sense,
     excess,
+    heats,
     pairs_by_sense,
     per,
     recorded,
@@ -225,6 +226,7 @@ class ThermalTilt(LaggedEffect):
             pairs = pairs_by_sense(temperatures, axis)
             singles = by_sense(temperatures, ("structure", "ambient", "spindle"), axis)
             others = recorded(machine, coverage, temperature=False)
+            others = [s for s in others if s.role in ACTING and heats(s)]
             if not coverage.levers:
                 # an angle that no lever shows is a shift; by one signal it is `thermal_offset`
                 singles, others = [], []
@@ -233,7 +235,7 @@ class ThermalTilt(LaggedEffect):
                     names = (pair[0].name, pair[1].name)
                     yield cls(axis=axis, about=about, signals=names)
                     yield cls(axis=axis, about=about, signals=names, tau="fit")
-                for signal in [*singles, *(s for s in others if s.role in ACTING)]:
+                for signal in [*singles, *others]:
                     yield cls(axis=axis, about=about, signal=signal.name)
                     if signal.role in LAGGING:
                         yield cls(axis=axis, about=about, signal=signal.name, tau="fit")

@@ -25,6 +25,7 @@ from abbe.compcore.effects.signals import (
     LaggedEffect,
     by_sense,
     excess,
+    heats,
     lag_parameter,
     per,
     recorded,
@@ -218,7 +219,8 @@ class ThermalOffset(LaggedEffect):
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[ThermalOffset]:
         """Three directions with each signal: spindle and structure first, Z first; then lagged."""
-        signals = by_sense(recorded(machine, coverage), ("spindle", "structure", "speed"))
+        warm = filter(heats, recorded(machine, coverage))
+        signals = by_sense(warm, ("spindle", "structure", "speed"))
         for tau in (None, "fit"):
             for signal in signals:
                 for direction in ("Z", "X", "Y"):
@@ -291,7 +293,7 @@ class ScrewHeating(LaggedEffect):
 
         The bearing at the end near zero, then at the other end.
         """
-        signals = recorded(machine, coverage)
+        signals = [s for s in recorded(machine, coverage) if heats(s)]
         for axis in (a for a in machine.structure.linear if a in coverage.moving):
             low, high = machine.axis(axis).travel
             far = high if min(low, high, key=abs) == low else low
