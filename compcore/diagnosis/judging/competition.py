@@ -50,15 +50,28 @@ def compete(
     Returns the causes that stand, and the structure that no cause explains.
     """
     strong = patterns.established(basis)
-    chosen = list(chosen)
     if not strong:
-        return chosen, []
+        return list(chosen), []
+    kept, left = _judged(pool, basis, list(chosen), strong, patterns, blocks)
+    reversals = _reversals(pool, basis, chosen, strong[0])
+    if {f.key for f in reversals} <= {f.key for f in kept}:
+        return kept, left
+    return reversals, patterns.established(pool.joined(basis, reversals))
+
+
+def _judged(
+    pool: Pool,
+    basis: Basis,
+    chosen: list[WeighedCandidate],
+    strong: list[ResidualPattern],
+    patterns: Patterns,
+    blocks: Blocks,
+) -> tuple[list[WeighedCandidate], list[ResidualPattern]]:
+    """The causes that stand against the descriptions, and the structure that none explains."""
     after = pool.joined(basis, chosen)
     by_causes = (
         joint_value(basis, after, chosen) - _COINCIDENCE * (len(chosen) - 1) if chosen else 0.0
     )
-    if reversals := _reversals(pool, basis, chosen, strong[0]):
-        return reversals, patterns.established(pool.joined(basis, reversals))
     left = patterns.established(after) if chosen else strong
     # a description costs `EMPIRICAL` more: where it says more all the same, no cause is named,
     # unless the causes predict better what was left out
