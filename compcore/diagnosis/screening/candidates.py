@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
+from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.errors import InputError
@@ -169,15 +170,19 @@ def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
     """Splines, polynomials and waves of the model with more coefficients.
 
     Twice as many, four times and so on: what is far finer than the shape that is there, as the
-    waves that a rail's bolts make, is not seen by twice the detail.
+    waves that a rail's bolts make, is not seen by twice the detail. Tables beside splines only where
+    few set-ups follow each axis closely: read in many, they imitate what other axes do.
     """
     machine = model.machine
+    few = len(campaign.setups) < FOLDS
     for effect in model.effects:
         axis = getattr(effect, "axis", None)
         if axis is None or axis not in campaign.conditions.positions:
             continue
         details = finer(effect, campaign.conditions, machine)
-        for detail in details:
+        for number, detail in enumerate(details):
+            if number and detail.get("shape") == "table" and not few:
+                continue
             refined = effect.model_copy(update=detail)
             yield Candidate(refined, cost_of(refined, machine, 1))
 
