@@ -170,8 +170,8 @@ def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
     """Splines, polynomials and waves of the model with more coefficients.
 
     Twice as many, four times and so on: what is far finer than the shape that is there, as the
-    waves that a rail's bolts make, is not seen by twice the detail. Tables beside splines only where
-    few set-ups follow each axis closely: read in many, they imitate what other axes do.
+    waves that a rail's bolts make, is not seen by twice the detail. Tables beside splines only
+    where few set-ups follow each axis closely: in many, they imitate what other axes do.
     """
     machine = model.machine
     few = len(campaign.setups) < FOLDS
