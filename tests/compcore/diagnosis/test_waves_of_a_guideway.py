@@ -26,7 +26,7 @@ shape = "spline:8"
 
 
 def test_waves_finer_than_twice_the_curve_are_still_the_carriage_s_own() -> None:
-    """Bolts every 80 mm, each pressed as it is, on nine lines: 8 or 16 coefficients show nothing."""
+    """Bolts every 80 mm, pressed unequally, on nine lines: 8 or 16 coefficients show nothing."""
     rng = np.random.default_rng(11)
     pressed = rng.uniform(1.0, 5.0, 12)
     model = parse_model(TomlSource(SLIDE))
