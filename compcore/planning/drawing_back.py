@@ -23,7 +23,11 @@ def drawn_back(machine: Machine, offset: Sequence[float]) -> tuple[str, float]:
     """
     near = [a for a in machine.structure.axes if not is_rotary(a)]
     if not near:
-        raise InputError("a machine without linear axes", field="structure")
+        raise InputError(
+            "a machine without linear axes has none along which its tool could be drawn back",
+            field="structure",
+            expected="a program of the robot's own to the plan's targets: abbe measure names each",
+        )
     axis = near[-1] if near[-1] in machine.structure.tool_side else near[0]
     towards = -float(np.dot(offset, nominal_direction(axis)))
     low, high = machine.axes[axis].travel

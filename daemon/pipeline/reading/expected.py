@@ -28,6 +28,8 @@ _APART = 15.0
 that is more; twice as much where nobody knows what they were."""
 _COMPARED = ("scale", "structure", "workpiece", "ambient", "air")
 """Roles whose thermometers are compared: motors, spindles and coolant may well be far apart."""
+_REACH = 10_000.0
+"""mm that a tool may be from the origin of a machine whose joints hold it."""
 _FINEST = 1e-4
 """mm within which a position counts as the same as another: what a float32 resolves at 1 m."""
 _FINEST_TURN = 5e-7
@@ -158,7 +160,11 @@ def _similar_sensors(
 def _tool(configuration: Configuration) -> tuple[float, float]:
     longest = configuration.file.tool.longest
     if longest is None:
-        axes = configuration.model.machine.axes.values()
+        machine = configuration.model.machine
+        if machine.structure.rotary and len(machine.structure.carrying) < len("XYZ"):
+            # an arm's tool counts from the machine's origin: no travel says how far that is
+            return -_REACH, _REACH
+        axes = machine.axes.values()
         longest = max(a.travel[1] - a.travel[0] for a in axes if not a.rotary)
     return -longest, longest
 
