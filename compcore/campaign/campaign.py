@@ -49,6 +49,14 @@ _ALONG = 0.98
 
 
 @dataclass(frozen=True, slots=True)
+class Unsteady:
+    """How a thermometer read, K: by what it scattered about what was taken, and its steps, or 0."""
+
+    scatter: float
+    step: float
+
+
+@dataclass(frozen=True, slots=True)
 class Setup:
     """One placing of the instrument: what it leaves unknown is fitted along and thrown away.
 
@@ -106,6 +114,9 @@ class Campaign:
     lacking
         Signal that only some of several joined files record → the files without it; such a signal
         is not in `conditions`.
+    unsteady
+        Thermometers whose readings in `conditions` are without their noise or steps
+        (`steady_thermometers`), and how they read; None where they are as they were recorded.
     """
 
     name: str
@@ -125,6 +136,7 @@ class Campaign:
     lacking: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
     gauge: NDArray[np.str_] | None = None
     gauge_sd: F64 | None = None
+    unsteady: Mapping[str, Unsteady] | None = None
 
     def __post_init__(self) -> None:
         if self.conditions.kind is not self.kind:

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign, Kind
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.campaign.set_ups_of_one_row import require_rows_together
+from abbe.compcore.campaign.steady_thermometers import steadied
 from abbe.compcore.campaign.suspicions import of_campaign, of_chi2, of_ratio, of_signals, of_values
 from abbe.compcore.comparison.approach import (
     SideDifference,
@@ -298,6 +299,7 @@ def compare(model: Model, campaign: Campaign) -> Comparison:
     if not campaign.n:
         raise FitError("the campaign has no rows")
     require_rows_together(campaign)
+    campaign = steadied(campaign, model.machine)
     seen_in_fit = model.seen(campaign.files.values())
     left_out = () if seen_in_fit else tuple(e.spec for e in model.effects if bound_to_setup(e))
     applied = model if seen_in_fit else _without(model, bound_to_setup)

@@ -8,6 +8,7 @@ import numpy as np
 
 from abbe.compcore.campaign.approaches import unsaid_approaches
 from abbe.compcore.campaign.resolution import of_step, step_of
+from abbe.compcore.campaign.steady_thermometers import unsteady_words
 from abbe.compcore.diagnosis.findings import Findings, measured_kinds
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
@@ -37,6 +38,7 @@ def campaign_notes(diagnosis: Findings) -> Iterator[Sentence]:
         yield paused
     if coarse := stepping(diagnosis):
         yield coarse
+    yield from unsteady_words(campaign, whole.model.machine)
     if axes := unsaid_approaches(campaign):
         named, columns = listed(axes), listed([f"{axis}_dir" for axis in axes])
         if campaign.clocked:

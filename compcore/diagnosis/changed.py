@@ -26,6 +26,7 @@ from abbe.compcore.fitting.design.unknowns import BASE_SCALE
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.days import day, fitted_days, measured_days
+from abbe.compcore.model.late_thermometers import shrinks
 from abbe.compcore.model.model import Model
 from abbe.compcore.units import in_digits
 
@@ -336,11 +337,9 @@ def _impossible(known: _GivenValues, changes: Sequence[Change]) -> Iterator[str]
     """
     machine = known.given.machine
     for change in changes:
-        ranges = {p.name: p.plausible for p in change.effect.linear(machine)}
         signals = ", ".join(change.effect.signals_needed())
         for p in change.parameters:
-            low, high = ranges.get(p.name, (-1.0, 1.0))
-            if signals and low > -0.5 * high and p.after + 2.0 * p.sd < low:
+            if shrinks(change.effect, machine, {p.name: (p.after, p.sd)}):
                 yield (
                     f"{change.effect.spec}: {p.name} would be negative, which no material is. "
                     f"{signals} may be read with the wrong sign, or is exchanged with another "

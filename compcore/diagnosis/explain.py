@@ -21,6 +21,7 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.model.as_built import average_lines, seen_factor
 from abbe.compcore.model.held_spindle import where_they_are
+from abbe.compcore.model.late_thermometers import late_words
 from abbe.compcore.model.model import Model, Term, Value
 from abbe.compcore.sentences import Sentence, joined, said
 from abbe.compcore.units import in_digits, read_in, with_uncertainty
@@ -56,7 +57,10 @@ def explained(established: Established, diagnosis: Findings) -> list[Sentence]:
     ]  # fmt: skip
     parts = [joined([what, _evidence(established, diagnosis, campaign)], " ")]
     parts += [joined(values, " ")] if values else []
-    parts += doubts_of(established.estimates)
+    machine = diagnosis.result.model.machine
+    estimated = {e.name: (e.value, e.sd) for e in established.estimates}
+    late = late_words(effect, machine, estimated)
+    parts += doubts_of(established.estimates) if late is None else [said("{what}.", what=late)]
     if names := _alternatives([a for a in established.aliases if not a.told_apart]):
         parts.append(said("This campaign cannot tell it from: {names}.", names="; ".join(names)))
     if names := _alternatives([a for a in established.aliases if a.told_apart]):
@@ -65,9 +69,9 @@ def explained(established: Established, diagnosis: Findings) -> list[Sentence]:
             "in it.",
             names="; ".join(names),
         ))  # fmt: skip
-    if cause := section(effect, "Typical causes"):
+    if late is None and (cause := section(effect, "Typical causes")):
         parts.append(said("Typical causes: {causes}", causes=_of_page(_sentence(cause))))
-    if cure := section(effect, "Cure"):
+    if late is None and (cure := section(effect, "Cure")):
         parts.append(said("Cure: {cure}", cure=_of_page(_sentence(cure))))
     if effect.scope == "instrument":
         parts.append(said("It belongs to the instrument and never goes into the compensation."))

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
+from abbe.compcore.campaign.steady_thermometers import steadied
 from abbe.compcore.campaign.thinning import thinned
 from abbe.compcore.campaign.units_of_set_ups import other_units, perhaps_other_units
 from abbe.compcore.diagnosis.screening.body_motions import with_all_motions
@@ -106,6 +107,7 @@ def mistakes(model: Model, campaign: Campaign) -> tuple[Mistake, ...]:
     campaign
         The measurements.
     """
+    campaign = steadied(campaign, model.machine)
     rows = thinned(campaign)
     if rows is not None:
         campaign = campaign.rows(rows)

@@ -14,6 +14,7 @@ from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.hardly_noise import beyond_repeats, too_few_rows
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
 from abbe.compcore.effects.catalogue.formula import Formula
+from abbe.compcore.model.late_thermometers import late_thermometers
 from abbe.compcore.sentences import Sentence, listed, said
 from abbe.compcore.units import in_digits
 
@@ -170,6 +171,7 @@ def suspicious(diagnosis: Findings) -> Iterator[str]:
     found = {m.text for m in diagnosis.mistakes}
     others = of_campaign(whole.problem.campaign, whole.model.machine)
     yield from (s for s in others if s not in found)
+    yield from late_thermometers(whole.model)
     if diagnosis.standing is None:
         # of a model with values the units are seen against what it predicts
         campaign = whole.problem.campaign

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import LENGTHS, Campaign
 from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.campaign.set_ups_of_one_row import require_rows_together
+from abbe.compcore.campaign.steady_thermometers import steadied
 from abbe.compcore.errors import FitError, require_type
 from abbe.compcore.figures.figure import Figure
 from abbe.compcore.figures.shown import Shown
@@ -160,6 +161,7 @@ def fit(
     if not campaign.n:
         raise FitError("the campaign has no rows")
     require_rows_together(campaign)
+    campaign = steadied(campaign, model.machine)
     frame = ReferenceFrame() if frame is None else frame
     frame.check(model.machine)
     tell = progress or (lambda _: None)

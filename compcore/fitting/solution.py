@@ -28,6 +28,7 @@ from abbe.compcore.fitting.undetermined.null_space import NullSpace, split_null_
 from abbe.compcore.fitting.undetermined.parameter_fields import ParameterFields
 from abbe.compcore.fitting.undetermined.words import Undetermined, in_words
 from abbe.compcore.linalg import threads_for
+from abbe.compcore.model.late_thermometers import late_thermometers
 from abbe.compcore.model.model import Model
 
 F64 = NDArray[np.float64]
@@ -120,7 +121,7 @@ class Solution:
             before = problem.layout.of_model(problem.model, campaign)
             predicted = self.seen(problem.predicted(before))
             found += of_ratio(campaign, measured, predicted, problem.weight)
-        found += self._shrinking()
+        found += [*self._shrinking(), *late_thermometers(self.model)]
         repeats = not bool(np.isfinite(campaign.sd).any())
         stated = not self.uncertainty.open
         found += of_chi2(self.chi2_per_dof, self.dof, stated=stated, repeats=repeats)

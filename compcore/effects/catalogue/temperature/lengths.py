@@ -227,6 +227,10 @@ class ThermalOffset(LaggedEffect):
                     yield cls(direction=direction, signal=signal.name, tau=tau)
 
 
+_SHRINKS = -5e-6
+"""1/K: below it a screw surely shrinks as it warms. Per mm/min of feed nothing comes near."""
+
+
 @register
 class ScrewHeating(LaggedEffect):
     """A ball screw that warms while it works and stretches away from its fixed bearing.
@@ -269,7 +273,7 @@ class ScrewHeating(LaggedEffect):
         """The expansion by heat."""
         signal = machine.signals[self.signal]
         most = 5e-4 / typical(signal).change
-        plausible = (-5e-6, 40e-6) if signal.temperature else (-most, most)
+        plausible = (_SHRINKS, 40e-6) if signal.temperature else (-most, most)
         text = f"expansion of the screw of {self.axis}"
         return (Parameter("k", per("1", signal), plausible, text),)
 
@@ -282,6 +286,13 @@ class ScrewHeating(LaggedEffect):
         heat = excess(machine, conditions, self.signal, self.lag(nonlinear))
         reach = axis.clamp(conditions.position(self.axis)) - fixed
         return (Motion(along(self.axis), (reach * heat)[:, None]),)
+
+    def misnamed(self, values: Mapping[str, float]) -> bool:
+        """Whether the screw would shrink as it warms: then its bearing is not there, or no screw.
+
+        Behind a lag and beside an expansion at once that is a thermometer which follows late.
+        """
+        return self.tau is None and values["k"] < _SHRINKS
 
     def kinks(self, machine: Machine) -> dict[str, tuple[float, ...]]:
         """The ends of the travel."""
