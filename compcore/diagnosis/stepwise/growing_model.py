@@ -223,14 +223,10 @@ class GrowingModel:
         before = len(self.added)
         for effect in [e for e in self.added if e not in self.described]:
             self.progress(f"without {effect.kind}")
-            self.leave_out(effect, NO_WORSE)
+            less, _ = without_effect(self.last.result.model, effect.spec)
+            if self._try("removed", effect, less, NO_WORSE):
+                self.added.remove(effect)
         return len(self.added) < before
-
-    def leave_out(self, effect: Effect, falls: float) -> None:
-        """Take out an effect that was added, if left-out χ² then is up to a part of what it was."""
-        less, _ = without_effect(self.last.result.model, effect.spec)
-        if self._try("removed", effect, less, falls):
-            self.added.remove(effect)
 
     def _try(self, action: str, effect: Effect, model: Model, falls: float) -> bool:
         found = self.better(model, (effect,), falls)
