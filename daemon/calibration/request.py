@@ -200,6 +200,11 @@ class CalibrationRequest:
         return bool(self.tables) and self.configuration.upload is not None
 
     @property
+    def corrected_live(self) -> bool:
+        """Whether ``abbe run`` can correct the machine: X, Y or Z carries the correction."""
+        return bool(self.configuration.model.machine.structure.carrying)
+
+    @property
     def table_options(self) -> list[str]:
         """Options of the tables' dialect as ``abbe table --set`` takes them: those of [upload]."""
         if self.configuration.upload is None:

@@ -70,6 +70,7 @@ def calibrate(
     from abbe.compcore.sentences import said
     from abbe.daemon.arguments.measurements.tolerances import tolerances_of
     from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
+    from abbe.daemon.calibration.step import CALIBRATED
     from abbe.daemon.commands.calibration.guide import calibrate as lead
     from abbe.daemon.commands.calibration.guide import left_out_of, outcome_of
     from abbe.daemon.config import load_config
@@ -112,6 +113,14 @@ def calibrate(
             return
         outcome = outcome_of(request)
         typer.echo(said("calibrated: {folder}; {outcome}", folder=folder, outcome=outcome))
+        if not request.tables and not request.corrected_live:
+            typer.echo(
+                said(
+                    "no axis X, Y or Z carries a correction: nothing is written for abbe run; "
+                    "`abbe correct {model} --command` says where to send the joints",
+                    model=request.file(CALIBRATED),
+                )
+            )
         if left_out := left_out_of(request):
             typer.echo(spoken.say(left_out))
             if yes:

@@ -54,7 +54,7 @@ def steps_of(
         yield from _applied(request)
     if request.checked_by:
         yield from _verified(request, state, say, ask)
-    if not request.tables:
+    if not request.tables and request.corrected_live:
         yield _live(request, state, say)
 
 

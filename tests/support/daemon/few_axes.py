@@ -30,6 +30,27 @@ _MODELS = {
     f"[machine.axes.C2]\ntravel = [-140, 140]\n{_LINK}",
 }
 
+ARM_CONFIG = """format = "abbe-config/1"
+model = "arm.toml"
+[guard]
+max_correction = 1.0
+max_rate = 1.0
+[axes.C]
+source = "robot.c"
+[axes.C2]
+source = "robot.c2"
+[links.robot]
+driver = "serial"
+port = "/dev/none"
+[links.robot.messages.all]
+query = "R"
+pattern = '(?P<c>\\S+) (?P<c2>\\S+)'
+[links.robot.channels]
+c = { message = "all", unit = "deg" }
+c2 = { message = "all", unit = "deg" }
+"""
+"""The arm's display on a serial line."""
+
 
 def write_machine(name: str, folder: Path) -> tuple[Path, Path, Path]:
     """The model without effects and the campaigns of two days; `name` is one of `_MODELS`."""
