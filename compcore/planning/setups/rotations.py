@@ -136,10 +136,12 @@ def _sphere(task: SurveyTask, out: float, up: float) -> F64:
 
 
 def _reached(task: SurveyTask, targets: dict[str, F64]) -> NDArray[np.bool_]:
-    """Which poses lie inside the travels with room to come from both sides."""
+    """Which poses lie inside the travels; of axes that move with room to come from both sides."""
     kept = np.ones(len(next(iter(targets.values()))), dtype=np.bool_)
     for a in task.machine.structure.linear:
-        low, high = task.ends(a)
+        # a quill that stands drawn back stands at the end of its travel
+        moves = float(np.ptp(targets[a])) > 0.0
+        low, high = task.ends(a) if moves else task.machine.axes[a].travel
         kept &= (targets[a] >= low) & (targets[a] <= high)
     return kept
 

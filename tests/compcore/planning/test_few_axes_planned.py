@@ -9,9 +9,10 @@ from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.start_model import StartOptions, start_model
 from abbe.compcore.planning.check_lines import plan_check
-from abbe.compcore.planning.instruments import instruments_called
+from abbe.compcore.planning.instruments import INSTRUMENTS, instruments_called
 from abbe.compcore.planning.knowledge import VolumeError
 from abbe.compcore.planning.plan import plan_survey
+from abbe.compcore.planning.setups.rotations import spheres
 from abbe.compcore.planning.targets import SurveyTask
 
 HOUR = 3600.0
@@ -73,3 +74,16 @@ def test_nothing_is_read_square_to_the_plane_of_a_lathe():
     plan = planned(LATHE, "laser", "straightness")
     assert {s.setup.instrument.key for s in plan.steps} == {"laser", "straightness"}
     assert all(not s.setup.u[:, :, 1].any() for s in plan.steps)
+
+
+def test_a_table_is_shown_by_an_r_test_while_the_quill_stands_drawn_back():
+    """A boring mill's W begins at 0, where it stands: no room to come from there, and no need."""
+    travels = {"X": (0.0, 2000.0), "Z": (0.0, 1200.0), "Y": (0.0, 1500.0), "W": (0.0, 500.0)}
+    axes = {a: Axis(a, travel) for a, travel in travels.items()}
+    axes["B"] = Axis("B", (0.0, 6.283), location=(1000.0, 0.0, 600.0))
+    mill = Machine("boring mill", Structure.parse("w B' X' Z' b Y W (C) t"), axes)
+    own = SurveyTask(start_model(mill, StartOptions(play=True)), tools={"P": (0.0, 0.0, -200.0)})
+    setups = list(spheres(own, INSTRUMENTS["r-test"]))
+    assert {s.axis for s in setups} == {"B"}
+    assert all(not s.targets["W"].any() for s in setups)
+    assert all(own.space.hindrance(mill, s) is None for s in setups)
