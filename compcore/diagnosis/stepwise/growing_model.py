@@ -57,6 +57,8 @@ class GrowingModel:
         Those of the added that no cause was named by: a curve or a formula that foretells.
     refused
         Effect → after how many steps it was refused.
+    superfluous
+        What was taken out again, by its spec, and the specs of the effects beside which it was.
     regressed
         After how many steps a regression on all thermometers was last asked; −1: never.
     together
@@ -83,6 +85,7 @@ class GrowingModel:
         self.spoiling: dict[tuple[str, ...], tuple[Effect, ...]] = {}
         self._on_step, self.progress = on_step, progress
         self.refused: dict[Effect, int] = {}
+        self.superfluous: dict[str, frozenset[str]] = {}
         self.steps: list[Step] = []
         self.added: list[Effect] = []
         self.described: list[Effect] = []
@@ -156,6 +159,8 @@ class GrowingModel:
         self.progress(f"adding {effect.kind}")
         before = self.last.result.model
         more, added = with_effect(before, effect.kind, effect.where())
+        if self.superfluous.get(added.spec) == _specs(before):
+            return False  # it would be taken out and come back for ever
         if not self._try("added", added, more, falls):
             self.refused[effect] = len(self.steps)
             return False
@@ -220,13 +225,16 @@ class GrowingModel:
         """
         if described(self.added):
             return False
-        before = len(self.added)
+        out: list[Effect] = []
         for effect in [e for e in self.added if e not in self.described]:
             self.progress(f"without {effect.kind}")
             less, _ = without_effect(self.last.result.model, effect.spec)
             if self._try("removed", effect, less, NO_WORSE):
                 self.added.remove(effect)
-        return len(self.added) < before
+                out.append(effect)
+        beside = _specs(self.last.result.model)
+        self.superfluous |= {e.spec: beside for e in out}
+        return bool(out)
 
     def _try(self, action: str, effect: Effect, model: Model, falls: float) -> bool:
         found = self.better(model, (effect,), falls)
@@ -270,6 +278,10 @@ class GrowingModel:
         if self.spoils(result, changed):
             return None
         return result, LeftOutErrors.of(result)
+
+
+def _specs(model: Model) -> frozenset[str]:
+    return frozenset(e.spec for e in model.effects)
 
 
 def described(effects: Sequence[Effect]) -> bool:
