@@ -10,8 +10,10 @@ from abbe.compcore.campaign.approaches import unsaid_approaches
 from abbe.compcore.campaign.resolution import of_step, step_of
 from abbe.compcore.campaign.steady_thermometers import unsteady_words
 from abbe.compcore.diagnosis.findings import Findings, measured_kinds
+from abbe.compcore.effects.catalogue.linear.two_drives import LENGTHS
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.model import Model
 from abbe.compcore.sentences import Sentence, listed, said
 from abbe.compcore.units import in_digits
 
@@ -59,6 +61,7 @@ def campaign_notes(diagnosis: Findings) -> Iterator[Sentence]:
         yield unstated
     if unread := undeclared(whole.model.machine, campaign.conditions):
         yield unread
+    yield from second_drives(whole.model, campaign.conditions)
 
 
 def instrument_unsaid(diagnosis: Findings) -> Sentence | None:
@@ -73,6 +76,20 @@ def instrument_unsaid(diagnosis: Findings) -> Sentence | None:
         "no head says what measured, so nothing was looked for that only a laser does (a beam out "
         'of line, its air, a dead path): where it was one, say instrument = "laser" and ask again'
     )
+
+
+def second_drives(model: Model, conditions: Conditions) -> Iterator[Sentence]:
+    """That a length recorded beside an axis may be its second drive's, which no campaign says."""
+    read = {name for effect in model.effects for name in effect.signals_needed()}
+    for signal in model.machine.signals.values():
+        varies = signal.name in conditions.signals and np.ptp(conditions.signals[signal.name]) > 0.0
+        if varies and signal.axis and signal.unit in LENGTHS and signal.name not in read:
+            yield said(
+                "{signal} is a length beside {axis} that no effect reads: where it is how far the "
+                "second drive of {axis} is ahead, two_drives says what the bridge does by it, once "
+                "it is told where the drives stand",
+                signal=signal.name, axis=signal.axis,
+            )  # fmt: skip
 
 
 def undeclared(machine: Machine, conditions: Conditions) -> Sentence | None:

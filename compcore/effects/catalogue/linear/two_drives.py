@@ -23,7 +23,8 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, nominal_direction
 
 _UNIT = {"X": 0, "Y": 1, "Z": 2}
-_LENGTHS = ("mm", "um", "µm")
+LENGTHS = ("mm", "um", "µm")
+"""Units of the difference of two encoders."""
 
 
 @register
@@ -83,7 +84,7 @@ class TwoDrives(Effect):
                 expected="at least 10 mm from the master",
             )  # fmt: skip
         unit = machine.signals[self.signal].unit
-        if unit not in _LENGTHS:
+        if unit not in LENGTHS:
             raise InputError(
                 "the difference of two encoders is a length", field="signal",
                 found=f"{self.signal} in {unit}", expected="a signal in mm or um",
