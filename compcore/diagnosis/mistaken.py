@@ -115,7 +115,7 @@ def mistakes(model: Model, campaign: Campaign) -> tuple[Mistake, ...]:
     as_it_is = _fitted(judge, campaign)
     if as_it_is is None or as_it_is.dof < _ENOUGH:
         return ()
-    if not (as_it_is.uncertainty.open or as_it_is.misfit):
+    if not (as_it_is.uncertainty.open or as_it_is.chi2 - as_it_is.dof > _WORTH):
         return ()
     for kind in (_units, _exchanged, _factors):
         if found := sorted(kind(as_it_is, campaign), key=lambda m: m.without.left):
