@@ -26,6 +26,10 @@ _HIGHEST = 20
 _ALIKE = 0.1
 """Places nearer to each other than this part of a curve's own detail show it one place."""
 _ACTS = 1e-9
+_GRID = 5
+"""Points for each coefficient at which a spline is looked at between its places."""
+_UNSURE = 2.0
+"""Standard deviations of one reading that a curve may be unsure by between them."""
 
 
 def no_finer_than_seen(effect: E, conditions: Conditions, machine: Machine) -> E:
@@ -54,16 +58,45 @@ def no_finer_than_seen(effect: E, conditions: Conditions, machine: Machine) -> E
 
 def _shown(count: int, at: F64, axis: Axis) -> bool:
     """Whether a spline of so many coefficients has fewer that act than places show it."""
-    low, high = axis.travel
-    detail = (high - low) / max(1, count - min(CUBIC, count - 1))
-    places, last = 0, -np.inf
-    for place in at:
-        if place - last > _ALIKE * detail:
-            places, last = places + 1, float(place)
-            if places > count:
-                return True
+    places = len(_unlike(count, at, axis))
+    if places > count:
+        return True
     acting = np.abs(Shape("spline", count).basis(at, axis)).max(axis=0) > _ACTS
     return int(acting.sum()) < places
+
+
+def _sure_between(count: int, at: F64, axis: Axis) -> bool:
+    """Whether a spline is, between the places that show it, about as sure as one reading is.
+
+    Its standard deviation there, in those of one reading at each place: 1 at the most where it has
+    far fewer coefficients than places, hundreds where some of its parts lie between two of them.
+    """
+    if not _shown(count, at, axis):
+        return False
+    places = _unlike(count, at, axis)
+    shape = Shape("spline", count)
+    basis = shape.basis(places, axis)
+    acting = np.abs(basis).max(axis=0) > _ACTS
+    between = np.linspace(places[0], places[-1], _GRID * count)
+    _, size, modes = np.linalg.svd(basis[:, acting], full_matrices=False)
+    if not size[-1] > _ACTS * size[0]:
+        return False
+    sds = np.linalg.norm(shape.basis(between, axis)[:, acting] @ (modes.T / size), axis=1)
+    return float(sds.max()) <= _UNSURE
+
+
+def _unlike(count: int, at: F64, axis: Axis) -> F64:
+    """The places, ascending, less those that are nearly the same for a spline's detail."""
+    low, high = axis.travel
+    detail = (high - low) / max(1, count - min(CUBIC, count - 1))
+    # of what was read everywhere, as on the way, one place of each small stretch
+    _, first = np.unique(np.floor((at - at[0]) / (0.5 * _ALIKE * detail)), return_index=True)
+    at = at[first]
+    found: list[float] = []
+    for place in at:
+        if not found or place - found[-1] > _ALIKE * detail:
+            found.append(float(place))
+    return np.array(found)
 
 
 def finer(effect: Effect, conditions: Conditions, machine: Machine) -> Iterator[dict[str, object]]:
@@ -97,7 +130,7 @@ def finer(effect: Effect, conditions: Conditions, machine: Machine) -> Iterator[
         most = min(distinct, _FINEST if spline else _HIGHEST)
         while order < most:
             before, order = order, min(2 * order, most)
-            while spline and order > before and not _shown(order, np.unique(at), axis):
+            while spline and order > before and not _sure_between(order, np.unique(at), axis):
                 order -= 1
             if order == before:
                 break

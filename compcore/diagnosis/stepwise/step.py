@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 from abbe.compcore.campaign.campaign import Kind
@@ -79,3 +80,9 @@ class Course:
     def last(self) -> Step:
         """The model that was reached."""
         return self.steps[-1]
+
+
+def leaves_noise(result: FitResult) -> bool:
+    """Whether χ² is what noise makes it, to its own standard deviation: nothing to describe."""
+    thin = result.thin
+    return not thin.uncertainty.open and thin.chi2 <= thin.dof + math.sqrt(2.0 * thin.dof)

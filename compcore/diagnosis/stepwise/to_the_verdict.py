@@ -22,7 +22,7 @@ from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
 from abbe.compcore.diagnosis.stepwise.describing import describe
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, Progress
 from abbe.compcore.diagnosis.stepwise.held_near_zero import held_near_zero
-from abbe.compcore.diagnosis.stepwise.step import Course, Step
+from abbe.compcore.diagnosis.stepwise.step import Course, Step, leaves_noise
 from abbe.compcore.diagnosis.stepwise.unseen import UnseenCampaign
 from abbe.compcore.diagnosis.stepwise.warmth import (
     MOST_TRIED,
@@ -146,12 +146,6 @@ def _is_noise(result: FitResult) -> bool:
     return not thin.uncertainty.open and thin.chi2 <= chi2_limit(_CHANCE, max(1, thin.dof))
 
 
-def _nothing_left(result: FitResult) -> bool:
-    """Whether χ² is what noise makes it, to its own standard deviation: nothing to describe."""
-    thin = result.thin
-    return not thin.uncertainty.open and thin.chi2 <= thin.dof + math.sqrt(2.0 * thin.dof)
-
-
 def _foretells_better(one: Step, other: Step) -> bool:
     """Whether one end predicts left-out blocks better by what is worth a cause, and surely.
 
@@ -203,7 +197,7 @@ def _followed(growing: GrowingModel) -> Course:
             or growing.prune()
             or (
                 # a thermometer's own noise, times a scale's expansion, follows other thermometers
-                not _nothing_left(growing.last.result)
+                not leaves_noise(growing.last.result)
                 and (regress(growing, diagnosis) or describe(growing, diagnosis))
             )
         ):

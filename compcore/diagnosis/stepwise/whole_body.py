@@ -2,17 +2,22 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Sequence
+
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.judging.soundness import sound
 from abbe.compcore.diagnosis.screening.body_motions import motion, of_a_body
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.stepwise.growing_model import FALLS, GrowingModel
-from abbe.compcore.diagnosis.uncatalogued.chosen import grown
+from abbe.compcore.diagnosis.stepwise.step import leaves_noise
+from abbe.compcore.diagnosis.uncatalogued.chosen import grown, of_positions_alone
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects import ScaleExpansion
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import FitResult, fit
+from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import without_effect
 
 _AXES = 2
@@ -27,7 +32,8 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     that grows along another axis, the scale of a set-up; and what needs several others, as the
     expansion of a scale does, foretells nothing before they are there. All of them at once are
     fitted; then those go, the least worth first, without which left-out blocks are foretold as
-    well.
+    well. A formula of the positions alone that was described before stood for them: where they
+    foretell left-out blocks as well without it, it goes.
 
     Parameters
     ----------
@@ -50,13 +56,16 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     for effect in (f.candidate.effect for f in diagnosis.ranked):
         if of_a_body(effect, machine) and motion(effect) not in known:
             missing.setdefault(motion(effect), effect)
-    body = _sound(growing, list(missing.values()))
+    stood = [e for e in growing.described if e.kind == "formula" and of_positions_alone(e, machine)]
+    if stood and in_place_of(growing, stood, list(missing.values())):
+        return True
+    body = _sound(growing, growing.last.result.model, list(missing.values()))
     if len(body) < _FEWEST or not growing.once(body):
         return False
     growing.progress("all error motions of the linear axes")
     if growing.better(grown(growing.last.result.model, body)[-1][0], body, 1.0 - WORTH) is None:
         return False
-    kept = worth_it(growing, body)
+    kept = worth_it(growing, growing.last.result.model, body)
     more = grown(growing.last.result.model, kept)
     found = growing.better(more[-1][0], [one for _, one in more], 1.0 - WORTH)
     if found is None:
@@ -66,12 +75,54 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     return True
 
 
-def worth_it(growing: GrowingModel, body: list[Effect]) -> list[Effect]:
+def in_place_of(
+    growing: GrowingModel, formulas: Sequence[Effect], missing: Sequence[Effect]
+) -> bool:
+    """Add error motions and take out the formulas that stood for them, if that foretells as well.
+
+    Beside each other they share what was measured in some way that no campaign tells, and work
+    against each other everywhere else.
+    """
+    base = growing.last.result.model
+    for formula in formulas:
+        base, _ = without_effect(base, formula.spec)
+    body = _sound(growing, base, missing)
+    if len(body) < _FEWEST:
+        return False
+    growing.progress("error motions in place of a formula")
+    if not _as_good(growing, grown(base, body)[-1][0], body):
+        return False
+    kept = worth_it(growing, base, body)
+    if not _as_good(growing, grown(base, kept)[-1][0], kept):
+        return False
+    growing.once(body)
+    growing.as_bodies = True
+    more = grown(growing.last.result.model, kept)
+    beside = fit(more[-1][0], growing.campaign, near=True)
+    growing.make_together(
+        "added with the others", "added with the others", more, beside, LeftOutErrors.of(beside)
+    )
+    growing.take_out(formulas)
+    return True
+
+
+def _as_good(growing: GrowingModel, model: Model, effects: Sequence[Effect]) -> bool:
+    """Whether a model foretells left-out blocks as well as the present one, or leaves noise.
+
+    Where each motion was measured on one line or two, without that line nothing is known of it:
+    left-out blocks then say less than that nothing but noise is left.
+    """
+    found = growing.better(model, effects, math.inf)
+    if found is None:
+        return False
+    return leaves_noise(found[0]) or growing.better(model, effects, 1.0) is not None
+
+
+def worth_it(growing: GrowingModel, before: Model, body: Sequence[Effect]) -> list[Effect]:
     """Those of some effects without which left-out blocks are foretold worse.
 
-    All are fitted beside the model; then the least worth is taken out first.
+    All are fitted beside the model as it was `before`; then the least worth is taken out first.
     """
-    before = growing.last.result.model
     kept = list(body)
     now = fit(grown(before, kept)[-1][0], growing.campaign, near=True)
     lost = {e.spec: _lost(now, e, growing) for e in kept}
@@ -102,11 +153,10 @@ def _lost(now: FitResult, effect: Effect, growing: GrowingModel) -> float:
     return one.falls_to(other, without, bound=False)
 
 
-def _sound(growing: GrowingModel, body: list[Effect]) -> list[Effect]:
-    """Those whose values, fitted with all others, can be."""
+def _sound(growing: GrowingModel, model: Model, body: Sequence[Effect]) -> list[Effect]:
+    """Those whose values, fitted with all others beside a model, can be."""
     if not body:
         return []
-    model = growing.last.result.model
     try:
         result = fit(grown(model, body)[-1][0], growing.campaign, near=True)
     except FitError:

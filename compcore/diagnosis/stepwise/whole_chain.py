@@ -70,7 +70,7 @@ def whole_chain(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
         whole = replace(whole, composition="exact")
     if growing.better(whole, places, 1.0 - WORTH) is None:
         return False
-    more = grown(growing.last.result.model, worth_it(growing, places))
+    more = grown(growing.last.result.model, worth_it(growing, growing.last.result.model, places))
     found = growing.better(more[-1][0], [one for _, one in more], 1.0 - WORTH)
     if found is None:
         return False
