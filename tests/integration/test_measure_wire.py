@@ -117,6 +117,7 @@ def limited(folder: Path, *, max_spread: float) -> None:
     config.write_text(text.replace("[measure]\n", f"[measure]\nmax_spread = {max_spread}\n"))
 
 
+@pytest.mark.thorough
 def test_counts_lost_and_a_zero_set_on_the_way_begin_a_part_of_their_own(
     shop: tuple[SimulatedProcess, Path],
 ) -> None:

@@ -84,6 +84,7 @@ def test_the_loop(browser: Browser, tmp_path: Path, name: str, title: str, cause
         assert_quiet(seen, bench)
 
 
+@pytest.mark.thorough
 def test_live_with_one_line_and_a_table(browser: Browser, tmp_path: Path) -> None:
     """What is corrected is named, its error is drawn along the one line, no other ± is shown."""
     with table_and_slide(tmp_path) as config, opened(config) as bench:

@@ -275,6 +275,7 @@ def test_an_upload_that_was_cut_off_is_said_and_done_once(browser: Browser, plac
         assert unexpected(seen) == []
 
 
+@pytest.mark.thorough
 def test_two_people_at_one_controller(browser: Browser, place: Place) -> None:
     secret = add_token(place.folder / "http-tokens.toml", "cell-3", "operate")
     with opened(place.config, "--tables", place.folder / "new") as bench:

@@ -25,6 +25,7 @@ def browser() -> Iterator[Browser]:
         yield started
 
 
+@pytest.mark.thorough
 def test_two_tabs_of_one_person(browser: Browser, tmp_path: Path) -> None:
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=6)
     with opened(BRIDGE / "model.toml", campaign, "--versions", tmp_path / "v") as bench:

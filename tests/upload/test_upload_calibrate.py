@@ -131,6 +131,7 @@ def test_a_controller_that_refuses_and_a_link_that_is_lost_leave_the_old_tables(
     assert len(place.entries()) == before
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("at", [{"at": "block", "skip": 2}, {"at": "commit", "kind": "hang_after"}])
 def test_killed_in_the_upload_it_is_recovered_and_goes_on(
     place: Place, made: Path, at: dict[str, object]

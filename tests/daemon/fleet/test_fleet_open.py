@@ -25,6 +25,7 @@ def _rows() -> Iterator[str]:
         yield f"{i}.0,a,displacement,{x},0,0,1,0,0,{value:.2f}\n"
 
 
+@pytest.mark.thorough
 async def test_a_machine_of_the_store_is_looked_at_here(server: PostgreSQL, tmp_path: Path) -> None:
     records = MachineRecords(tmp_path / "mill")
     campaign = records.folder / "campaigns" / "x.csv"

@@ -70,6 +70,7 @@ def test_everything_is_uploaded(server: PostgreSQL, records: MachineRecords) -> 
         assert same(found, content(admin))
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(600)
 def test_a_connection_cut_at_every_statement(
     server: PostgreSQL, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -67,6 +67,7 @@ def abbe(*arguments: str) -> subprocess.Popen[str]:
     )
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("report", ["", REPORT], ids=["asked", "reported"])
 def test_the_correction_at_positions_and_temperatures_of_the_server(
     tmp_path: Path, report: str

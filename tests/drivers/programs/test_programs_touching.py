@@ -184,6 +184,7 @@ def plan(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder / "plan.toml"
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("control", CONTROLS)
 def test_a_program_touches_all_round_and_what_it_writes_is_the_machines_errors(
     control: str, plan: Path, tmp_path: Path

@@ -100,6 +100,7 @@ def in_a_shell(command: str) -> str:
     return done.stdout
 
 
+@pytest.mark.thorough
 @pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("what", "named"),

@@ -176,6 +176,7 @@ def test_a_report_has_the_pictures(model, tmp_path):
         assert words in text
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("name", "code"),
@@ -255,6 +256,7 @@ def test_a_steep_model_is_refused_with_its_reason(model, tmp_path):
     assert "no command reaches some positions" in done.err
 
 
+@pytest.mark.thorough
 def test_the_tool_s_direction_is_held_where_that_is_asked_for(tmp_path):
     path = tmp_path / "model.toml"
     save_model(turning(FIVE_AXES), path)
