@@ -29,8 +29,16 @@ _FEWEST = 30
 """Readings of a stretch from which on their noise is known."""
 _LEAST = 0.002
 """K: what scatters less moves no length by what anybody reads."""
+_MOST = 0.1
+"""K: no thermometer's noise is more; what changes by more from one reading to the next is so."""
+_JUMPS = 0.01
+"""Part of the readings of a display that steps that may jump by more than a step."""
 _COARSE = 0.05
 """K: of finer steps the noise says all."""
+_COARSEST = 1.01
+"""K: no display that anybody corrects by steps in more."""
+_ZERO_F = 32.0 / 1.8
+"""K from 0 °F to 0 °C."""
 _OFTEN = 10
 """Readings for each different one from which on they step."""
 _ROUNDED = 0.05
@@ -80,22 +88,37 @@ def _made(
             rows = np.flatnonzero(conditions.stretches == one)
             steady[rows] = steady_readings(conditions.time[rows], values[rows])
         scatter = float(np.sqrt(np.mean((values - steady) ** 2)))
-        if scatter > _LEAST:
+        step = _step(values) if _follows(values, conditions.stretches, _step(values)) else 0.0
+        if scatter > _LEAST and (step > 0.0 or scatter <= _MOST):
             signals[name] = steady
-            found[name] = Unsteady(scatter, _step(values))
+            found[name] = Unsteady(scatter, step)
     if not found:
         return conditions, {}
     return replace(conditions, signals=signals, _lags={}, _known=None), found
+
+
+def _follows(values: F64, stretches: NDArray[np.int64], step: float) -> bool:
+    """Whether readings go from one step of a display to the next, as what warms slowly does.
+
+    Temperatures of a few runs may lie evenly apart as well; between those they jump.
+    """
+    jumps = np.abs(np.diff(values))[np.diff(stretches) == 0]
+    return step > 0.0 and float(np.mean(jumps > 1.5 * step)) <= _JUMPS if len(jumps) else False
 
 
 def _step(values: F64) -> float:
     """The step of a display, K, of whatever unit it steps in: 1 °F are 0.556 K; 0 where none is."""
     apart = np.diff(np.unique(np.round(values, 6)))
     step = float(apart.min(initial=math.inf))
-    if not _COARSE <= step < math.inf or len(apart) * _OFTEN > len(values):
+    if not _COARSE <= step <= _COARSEST or len(apart) * _OFTEN > len(values):
         return 0.0
-    counted = apart / step
-    return step if float(np.abs(counted - np.rint(counted)).max()) < _ROUNDED else 0.0
+    # a display divides two degrees, from 0 °C or 0 °F on; temperatures that somebody chose may lie
+    # evenly as well
+    for degree, zero in ((1.0, 0.0), (1.0 / 1.8, _ZERO_F)):
+        counted = np.append((values + zero) / step, 2.0 * degree / step)
+        if float(np.abs(counted - np.rint(counted)).max()) < _ROUNDED:
+            return step
+    return 0.0
 
 
 def steady_readings(time: F64, values: F64) -> F64:

@@ -55,6 +55,22 @@ def test_white_noise_goes_and_what_the_body_did_stays() -> None:
     assert found.step == 0.0
 
 
+@pytest.mark.parametrize(
+    "read",
+    [
+        np.repeat(np.linspace(20.0, 27.0, 16), 25),
+        np.repeat(np.linspace(20.0, 24.0, 4), 100) + 0.25,
+        np.random.default_rng(4).uniform(18.0, 26.0, len(TIME)),
+    ],
+    ids=["evenly apart", "whole degrees and a quarter", "another one for every row"],
+)
+def test_temperatures_that_somebody_chose_stay_as_they_are(read: np.ndarray) -> None:
+    """A climate chamber's runs, evenly apart, are no display's steps; and 2 K are no noise."""
+    found = campaign(read, read)
+    assert unsteady(found, MACHINE) == {}
+    assert (steadied(found, MACHINE).conditions.signals["T_x"] == read).all()
+
+
 def test_steps_are_followed_between_their_edges() -> None:
     read = np.round(WARM / 0.4) * 0.4
     steady = steady_readings(TIME, read)
