@@ -60,8 +60,6 @@ def in_words(problem: Problem, theta: F64, null: NullSpace) -> list[Undetermined
     for terms, directions in by_group.items():
         several = len(directions) > 1
         names = [_part(problem, theta, t, None if several else directions[0]) for t in terms]
-        if several and len(terms) == 1 and len(directions) < _size(problem, terms[0]):
-            names = [said("{part} of {what}", part=said("a part"), what=names[0])]
         if len(names) == 1:
             text = said(
                 "{what}: this campaign does not show it (left at the value of least norm); "
@@ -154,12 +152,6 @@ def _part(problem: Problem, theta: F64, term: int, direction: F64 | None) -> str
     form = _form(problem, theta, term, values)
     part = _FORMS[form][0] if form in _FORMS else said("a part")
     return said("{part} of {what}", part=part, what=_name(effect))
-
-
-def _size(problem: Problem, term: int) -> int:
-    """How many unknowns an effect has; of how something is placed, 0."""
-    where = problem.layout.terms[term] if term >= 0 else slice(0, 0)
-    return where.stop - where.start
 
 
 def _form(problem: Problem, theta: F64, term: int, values: F64) -> str:
