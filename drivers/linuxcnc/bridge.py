@@ -41,6 +41,8 @@ HAL_KEY = 0x48414C32
 """Of HAL's shared memory (hal_priv.h). Attaching to what is not there would create it."""
 NAP = 0.005
 """s between two looks at the servo thread: a value may be younger than stated by so much."""
+AT_THE_END = 2.0
+"""s for which the end waits for LinuxCNC to take back an offset that it has not taken up."""
 
 
 class GoneError(Exception):
@@ -71,7 +73,7 @@ class Bridge:
         self._ending = False
         self._id: int | None = None
         self._beat = (0.0, time.monotonic())
-        self._looked = self._fresh = time.monotonic()
+        self._looked = self._fresh = self._taken_in = time.monotonic()
         self._offsets: dict[str, Offset] = {}
 
     def say(self, **facts: Any) -> None:
@@ -127,6 +129,7 @@ class Bridge:
                 part["scale"],
                 part["max"],
                 1.0 if axis in "abc" else status.linear_units,
+                lambda: self._taken_in,
             )
             for axis, part in self._settings["offsets"].items()
         }
@@ -240,7 +243,8 @@ class Bridge:
         now, period = time.monotonic(), self._period()
         if period != self._beat[0]:
             self._beat = (period, now)
-            self._fresh = self._looked
+            # a cycle that is seen may still be under way; the one before it is over
+            self._taken_in, self._fresh = self._fresh, self._looked
         self._looked = now
 
     def _watch(self) -> None:
@@ -266,8 +270,13 @@ class Bridge:
         offset.want(start * share)
         if share > 0.0:
             return False
-        # One that is not taken up: the machine is off, where an offset has no meaning.
-        if offset.settled or now - began > self._settings["ramp"] + 10 * ANSWER_TIME:
+        late = now - began > self._settings["ramp"] + 10 * ANSWER_TIME
+        # where the machine is off, or not homed, LinuxCNC takes none up: it has no meaning there;
+        # and at the end nobody waits for ever
+        get = self._hal.get_value
+        given_up = late and not (get("motion.motion-enabled") and get("motion.is-all-homed"))
+        given_up |= self._ending and now - began > self._settings["ramp"] + AT_THE_END
+        if (offset.settled and self._taken_in > offset.changed_at) or given_up:
             offset.lease_ends = offset.ramp = None
             return True
         return False

@@ -10,6 +10,7 @@ Run by the system's Python, as `abbe.drivers.linuxcnc.bridge` is: imports nothin
 from __future__ import annotations
 
 import time
+from collections.abc import Callable
 from typing import Any
 
 ANSWER_TIME = 0.02
@@ -31,21 +32,34 @@ class Offset:
         Most that is ever asked for, mm (degrees).
     units
         Machine units per mm (degree).
+    taken_in
+        Until when (monotonic, s) LinuxCNC's servo thread has surely taken in what was asked for.
 
     Attributes
     ----------
     lease_ends
         When it is taken back if nobody sets it again (monotonic, s); None: it is zero, or nobody's.
+    changed_at
+        When LinuxCNC was last asked for another one (monotonic, s).
     ramp
         When taking it back began, and from where; None: it is not taken back.
     """
 
-    def __init__(self, hal: Any, axis: str, scale: float, largest: float, units: float) -> None:
+    def __init__(
+        self,
+        hal: Any,
+        axis: str,
+        scale: float,
+        largest: float,
+        units: float,
+        taken_in: Callable[[], float],
+    ) -> None:
         self._hal = hal
+        self._taken_in = taken_in
         self._pin = "axis." + axis + ".eoffset"
         self.step = scale
         self._largest = largest
-        self._changed_at = 0.0
+        self.changed_at = 0.0
         self.wanted = 0.0
         self.lease_ends: float | None = None
         self.ramp: tuple[float, float] | None = None
@@ -82,7 +96,7 @@ class Offset:
         new = counts + round((offset - request) / self.step)
         if new != self._get(self._pin + "-counts"):
             self._hal.set_p(self._pin + "-counts", str(new))
-            self._changed_at = time.monotonic()
+            self.changed_at = time.monotonic()
 
     @property
     def settled(self) -> bool:
@@ -95,9 +109,15 @@ class Offset:
         return abs(self.applied - self.wanted)
 
     def _rebase_if_moved(self) -> None:
-        """Take the pair anew when something else moved the offset (machine-on, clear)."""
-        if time.monotonic() - self._changed_at < ANSWER_TIME:
-            return  # the servo thread may not have taken up the last counts
+        """Take the pair anew when something else moved the offset (machine-on, clear).
+
+        Not before the servo thread has taken in the last counts, however long it pauses: the same
+        offset would be added again with every write.
+        """
+        if time.monotonic() - self.changed_at < ANSWER_TIME:
+            return
+        if self._taken_in() <= self.changed_at:
+            return
         counts, request = self._base
         now = self._get(self._pin + "-counts")
         expected = request + (now - counts) * self.step

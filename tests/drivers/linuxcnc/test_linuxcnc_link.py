@@ -182,6 +182,40 @@ async def test_without_new_values_the_offset_is_taken_back(machine: Machine) -> 
             await reaches(link, "offset_x", 0.0)
 
 
+async def test_a_servo_thread_that_pauses_adds_up_no_offsets(machine: Machine) -> None:
+    """What is written meanwhile is asked for once, however often; then it is taken back as ever."""
+    pause = PATIENT | {"lease": 0.4, "servo_silence": 30.0, "timeout": 30.0}
+    async with linked(**pause) as link:
+
+        async def seen() -> bool:
+            await link.write({"offset_x": 0.1})
+            return abs(await value(link, "offset_x") - 0.1) <= 1e-5
+
+        await until(seen)
+        machine.tell_real_time(signal.SIGSTOP)
+        try:
+            for _ in range(8):
+                with contextlib.suppress(WriteNotVerifiedError):
+                    await link.write({"offset_x": 0.2})
+                await asyncio.sleep(0.03)
+            asked = await value(link, "offset_x")
+            # nobody answers for it any more, and it cannot be taken back yet
+            await asyncio.sleep(1.5)
+        finally:
+            machine.tell_real_time(signal.SIGCONT)
+        assert asked == pytest.approx(0.1, abs=1e-5)
+        most: list[float] = []
+
+        async def gone() -> bool:
+            most.append(abs(await value(link, "offset_x")))
+            return most[-1] < 1e-5
+
+        await until(gone)
+        await asyncio.sleep(0.5)
+        assert abs(await value(link, "offset_x")) < 1e-5
+        assert max(most) <= 0.2 + 1e-5
+
+
 async def test_an_offset_that_is_left_out_is_taken_back_by_itself(machine: Machine) -> None:
     """Another axis that is still written does not answer for it."""
     async with linked(lease=0.5) as link:
