@@ -31,6 +31,10 @@ _LEAST = 0.002
 """K: what scatters less moves no length by what anybody reads."""
 _MOST = 0.1
 """K: no thermometer's noise is more; what changes by more from one reading to the next is so."""
+_FAR = 5.0
+"""Standard deviations of a thermometer's noise beyond which a reading is no noise."""
+_MEDIAN = 0.6745
+"""Median of what noise is off by, in its standard deviations."""
 _JUMPS = 0.01
 """Part of the readings of a display that steps that may jump by more than a step."""
 _COARSE = 0.05
@@ -150,7 +154,10 @@ def steady_readings(time: F64, values: F64) -> F64:
             # what changes from one reading to the next is no noise
             steady = line[at] if half > least else values
         half *= _WIDER
-    return steady
+    # a sensor that coolant hits, or that was moved, jumps: that is what it read
+    apart = np.abs(values - steady)
+    noise = step if step > 0.0 else _FAR * float(np.median(apart)) / _MEDIAN
+    return np.where(apart > noise, values, steady)
 
 
 def _lines(times: F64, mean: F64, count: F64, half: float) -> tuple[F64, F64]:

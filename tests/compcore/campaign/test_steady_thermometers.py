@@ -71,6 +71,16 @@ def test_temperatures_that_somebody_chose_stay_as_they_are(read: np.ndarray) -> 
     assert (steadied(found, MACHINE).conditions.signals["T_x"] == read).all()
 
 
+def test_a_jump_stays_where_it_was_read() -> None:
+    """Coolant hits a sensor: 0.5 K from one reading to the next are not laid over those beside."""
+    jump = np.where(np.arange(len(TIME)) >= 210, 0.5, 0.0)
+    read = WARM + jump + np.random.default_rng(1).normal(0.0, 0.02, len(TIME))
+    steady = steady_readings(TIME, read)
+    assert np.abs(steady - WARM - jump).max() < 0.1 + 3.0 * 0.02
+    far = np.abs(np.arange(len(TIME)) - 210) > 30
+    assert np.sqrt(np.mean((steady - WARM - jump)[far] ** 2)) < 0.012
+
+
 def test_steps_are_followed_between_their_edges() -> None:
     read = np.round(WARM / 0.4) * 0.4
     steady = steady_readings(TIME, read)
