@@ -144,10 +144,16 @@ class ErrorField:
 
     def composed(self, motions: Mapping[ErrorMotion, F64], conditions: Conditions) -> F64:
         """Moves of X, Y, Z that error motions compose to, (n, 3), mm."""
+        return Chain(self.model.machine, conditions).as_moves(self.carried(motions, conditions))
+
+    def carried(self, motions: Mapping[ErrorMotion, F64], conditions: Conditions) -> F64:
+        """What error motions move the functional point by, in machine axes, (n, 3), mm.
+
+        Also along axes that the machine does not have: an arm's joint turns the tip where no X is.
+        """
         chain = Chain(self.model.machine, conditions)
         compose = exact if self.model.composition == "exact" else first_order
-        moved = compose(chain, motions)[0]
-        return chain.as_moves(moved)
+        return compose(chain, motions)[0]
 
     def reversing(self) -> tuple[str, ...]:
         """Axes on whose approach direction the error depends, in the structure's order."""

@@ -107,6 +107,46 @@ def test_the_bound_is_never_below_what_is_found_anywhere():
     assert worst <= bound < 4.0 * worst
 
 
+def _with_axes(code: str, **travels: tuple[float, float]) -> Model:
+    structure = Structure.parse(code)
+    axes = {a: Axis(a, travels[a]) for a in structure.axes}
+    return Model(Machine("m", structure, axes), ())
+
+
+@pytest.mark.parametrize("place", [None, "C"])
+def test_the_turn_of_a_table_counts_where_the_tip_is_farthest_from_its_axis(place: str | None):
+    """100 µrad; the tip stands at most 500 mm aside and 100 mm across: 51.0 µm."""
+    model = _with_axes(
+        "w C' b X Y Z t", X=(-500.0, 300.0), Y=(-100.0, 50.0), Z=(0.0, 300.0), C=(-3.0, 3.0)
+    )
+    turned = table("C", "C", [-3.0, 0.0, 3.0], [0.0, 100e-6, 0.0], place=place)
+    found = extent([turned], model, NO_TOOL)
+    assert found.entry_urad == pytest.approx(100.0)
+    assert 50.99 <= found.correction_um < 1.04 * 51.0
+    half = table("C", "C", [-3.0, 0.0, 3.0], [0.0, 50e-6, 0.0], place=place)
+    assert 25.49 <= 1e3 * largest_change([turned], [half], model, NO_TOOL) < 1.04 * 25.5
+
+
+def test_the_turns_of_an_arm_count_by_its_reach():
+    """Two joints, no X and no Y: links of 300 and 250 mm; 0.1 mrad of the first is 55 µm."""
+    structure = Structure.parse("w b C1 C2 Z t")
+    travels = {"C1": (-2.0, 2.0), "C2": (-2.3, 2.5), "Z": (-200.0, 0.0)}
+    links = {"C1": (0.0, 0.0, 0.0), "C2": (300.0, 0.0, 0.0)}
+    machine = Machine(
+        "s",
+        structure,
+        {
+            a: Axis(a, travel, location=links.get(a, (0.0, 0.0, 0.0)))
+            for a, travel in travels.items()
+        },
+    )
+    first = table("C1", "C", [-2.0, 0.0, 2.0], [0.0, 100e-6, 0.0], place="C1")
+    tool = (550.0, 0.0, 0.0)  # from the origin, which is on the first axis
+    found = extent([first], Model(machine, ()), tool)
+    assert found.entry_urad == pytest.approx(100.0)
+    assert 55.0 <= found.correction_um < 1.25 * 55.0
+
+
 def test_changes_are_taken_between_the_points_of_both():
     old = table("X", "X", [0.0, 500.0], [0.0, 0.0])
     new = table("X", "X", [0.0, 250.0, 500.0], [0.0, 0.004, 0.0])

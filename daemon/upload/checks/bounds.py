@@ -3,7 +3,8 @@
 A correction is a sum over groups of tables that look up the same axes. Each group is linear
 between its own points and, through levers, in the other axes' positions; so its largest value
 stands at a point of its own with the other axes at the ends of their travels, and the sum of the
-groups' largest values is a bound for every position of the machine.
+groups' largest values is a bound for every position of the machine. What a table turns a rotary
+axis by counts as what that moves the tip by, as far out as it can be.
 """
 
 from __future__ import annotations
@@ -16,16 +17,20 @@ from numpy.typing import NDArray
 
 from abbe.compcore.compensator.folding.slow_state import SlowState
 from abbe.compcore.errors import AbbeError
+from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.table import Sign, Table, superposed
 from abbe.compcore.units import in_digits
+from abbe.drivers.controllers.axes import moved_axis, output_of
 
 F64 = NDArray[np.float64]
 
-_TURNS = 9
-"""Positions of another rotary axis; between its ends a lever is not linear."""
+_TURN = np.pi / 6.0
+"""rad between two places of a rotary axis: as it turns, a lever goes by a sine."""
+_BETWEEN = 1.0 / np.cos(0.5 * _TURN)
+"""How much a sine may be larger between two such places than at both."""
 
 
 class OutOfBoundsError(AbbeError):
@@ -87,8 +92,9 @@ def largest_correction(
         most = np.zeros(3)
         for way in (1.0, -1.0):
             directions = {a: np.full(len(next(iter(where.values()))), way) for a in axes}
-            most = np.maximum(most, np.abs(field.removed(group, where, directions)).max(axis=0))
-        bound += most
+            most = np.maximum(most, _moved(field, group, where, directions).max(axis=0))
+        rotary = sum(map(is_rotary, model.machine.axes))
+        bound += most * (_BETWEEN**rotary if _levers(group, model) else 1.0)
     return float(np.linalg.norm(bound))
 
 
@@ -145,6 +151,31 @@ def _meaning(key: str, found: float) -> str:
     )
 
 
+def _moved(
+    field: ErrorField,
+    group: Sequence[Table],
+    where: Mapping[str, F64],
+    directions: Mapping[str, F64],
+) -> F64:
+    """How far tables move the tip along X, Y and Z at most, (n, 3), mm."""
+    turns = [(t, _turned(t, field.model)) for t in group]
+    moved = np.abs(field.removed([t for t, axis in turns if axis is None], where, directions))
+    own: dict[ErrorMotion, F64] = {}
+    conditions = field.conditions(where, directions)
+    for table, axis in turns:
+        if axis is not None:
+            motion = output_of(axis)
+            own[motion] = own.get(motion, 0.0) + table.value(conditions)
+    return moved + np.abs(field.carried(own, conditions)) if own else moved
+
+
+def _turned(table: Table, model: Model) -> str | None:
+    """The rotary axis that a table turns, if it turns one."""
+    axis = moved_axis(table)
+    rotary = is_rotary(axis) and axis in model.machine.axes
+    return axis if rotary and (table.direct or table.output == output_of(axis)) else None
+
+
 def _largest(table: Table, model: Model) -> float:
     """The largest entry, a lever multiplied in."""
     if table.lever is None:
@@ -168,9 +199,12 @@ def _slope(table: Table, model: Model) -> float:
 
 def _places(axes: Sequence[str], group: Sequence[Table], model: Model) -> Mapping[str, F64]:
     """All points of a group, with the other axes at the ends of their travels."""
+    levers = _levers(group, model)
     own = []
     for axis in axes:
         nodes = [t.nodes[t.inputs.index(axis)] for t in group]
+        if levers and is_rotary(axis):
+            nodes.append(_turns(model.machine.axes[axis].travel))
         # the ends are held: nothing beyond the travel, nothing left out up to its ends
         low, high = model.machine.axes[axis].travel
         inside = np.unique(np.concatenate(nodes))
@@ -180,13 +214,25 @@ def _places(axes: Sequence[str], group: Sequence[Table], model: Model) -> Mappin
     for axis, found in model.machine.axes.items():
         if axis in axes:
             continue
-        needed = any(not t.direct or (t.lever or ("",))[0] == axis for t in group)
+        needed = levers or any((t.lever or ("",))[0] == axis for t in group)
         if not needed:
             others.append((axis, np.array([found.middle])))
         elif is_rotary(axis):
-            others.append((axis, np.linspace(*found.travel, _TURNS)))
+            others.append((axis, _turns(found.travel)))
         else:
             others.append((axis, np.array(found.travel)))
     names = [*axes, *(name for name, _ in others)]
     mesh = np.meshgrid(*own, *(places for _, places in others), indexing="ij")
     return {name: m.reshape(-1) for name, m in zip(names, mesh, strict=True)}
+
+
+def _levers(group: Sequence[Table], model: Model) -> bool:
+    """Whether what tables move the tip by depends on where it is."""
+    return any(not t.direct or _turned(t, model) for t in group)
+
+
+def _turns(travel: tuple[float, float]) -> F64:
+    """Places of a rotary axis all over its travel, one turn at most, (n,), rad."""
+    low, high = travel
+    high = min(high, low + 2.0 * np.pi)
+    return np.linspace(low, high, int(np.ceil((high - low) / _TURN)) + 1)
