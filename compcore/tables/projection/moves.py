@@ -8,6 +8,7 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.machine.structure import Structure
 from abbe.compcore.tables.capability import Capability
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.projection.choice import chosen
@@ -55,6 +56,7 @@ def move_tables(
     orientation
         Whether tables of rotary axes hold the tool's direction too.
     """
+    capability = _for_axes_there(capability, field.model.machine.structure)
 
     def fine(axis: str) -> F64:
         return positions_beside(field, axis, present)
@@ -74,6 +76,16 @@ def move_tables(
             tables += over_two
             notes += remarks
     return MadeTables(tuple(tables), tuple(notes), tuple(left))
+
+
+def _for_axes_there(capability: Capability, structure: Structure) -> Capability:
+    """The capability without tables that would correct an axis that the machine has not."""
+    there = (*structure.carrying, *structure.rotary)
+    holds = [
+        replace(h, outputs=tuple(o for o in h.outputs or there if o in there))
+        for h in capability.holds
+    ]
+    return replace(capability, holds=tuple(h for h in holds if h.outputs))
 
 
 def _wanted(

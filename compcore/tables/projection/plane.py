@@ -51,8 +51,9 @@ def plane_tables(
     the tables stands for.
     """
     first, second = holds.inputs or ("X", "Y")
-    outputs = holds.outputs or ("X", "Y", "Z")
     machine = field.model.machine
+    carrying = machine.structure.carrying
+    outputs = tuple(o for o in holds.outputs or carrying if o in carrying)
     rest = [a for a in machine.structure.axes if a not in (first, second)]
     few = 7 if len(rest) <= 2 else 31
 
