@@ -121,6 +121,9 @@ class Standing:
         Day on which the model was fitted, or None.
     else_holds
         Whether, with the changes, the rest of the model agrees with the campaign.
+    variance
+        What the variance of a row of the campaign counts for: more than 1 where more is left than
+        is stated of the rows, or these are not independent.
     """
 
     chance: float
@@ -129,6 +132,7 @@ class Standing:
     since: str | None
     fitted: str | None
     else_holds: bool = True
+    variance: float = 1.0
 
 
 def standing(given: Model, result: FitResult, beside: Sequence[F64] = ()) -> Standing | None:
@@ -280,7 +284,7 @@ def _standing(known: _GivenValues) -> Standing:
     since, fitted = _dates(known.given, known.result.problem.campaign)
     suspicions = [*_units(known)]
     if chance > _AGREES:
-        return Standing(chance, (), tuple(suspicions), since, fitted)
+        return Standing(chance, (), tuple(suspicions), since, fitted, variance=known.variance)
     factor, explains = known.factor()
     if explains > _WHOLE and abs(factor - 1.0) > _SUSPICIOUS:
         wrong = (_factor_words(factor), *suspicions)
@@ -327,7 +331,8 @@ def _standing(known: _GivenValues) -> Standing:
     changes.sort(key=lambda c: -c.evidence)
     suspicions += _impossible(known, changes)
     holds = known.disagrees(known.chi2(found)) > _AGREES
-    return Standing(chance, tuple(changes), tuple(suspicions), since, fitted, holds)
+    wrong = tuple(suspicions)
+    return Standing(chance, tuple(changes), wrong, since, fitted, holds, known.variance)
 
 
 def _impossible(known: _GivenValues, changes: Sequence[Change]) -> Iterator[str]:

@@ -13,6 +13,7 @@ from abbe.compcore.diagnosis.explain import changed, description, explanation, f
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.hardly_noise import beyond_repeats, too_few_rows
 from abbe.compcore.diagnosis.next_measurement.measure_next import Advice
+from abbe.compcore.diagnosis.renewing import renews
 from abbe.compcore.effects.catalogue.formula import Formula
 from abbe.compcore.model.late_thermometers import late_thermometers
 from abbe.compcore.sentences import Sentence, listed, said
@@ -143,6 +144,8 @@ def diagnosis_words(
             yield f"   {line}"
         if diagnosis.standing.suspicions:
             yield f"   {MEND_FIRST}"
+        elif names and renews(diagnosis):
+            yield said("   the new values come with what is missing, once that is added")
         else:
             yield said("   the new values: fit the model to this campaign: {how}", how=fitting)
         if names:

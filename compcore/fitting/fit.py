@@ -32,6 +32,7 @@ from abbe.compcore.fitting.knots.raster import finds_knots, on_raster
 from abbe.compcore.fitting.knots.wider import widened
 from abbe.compcore.fitting.pictures import fit_figures
 from abbe.compcore.fitting.reduction import leverage
+from abbe.compcore.fitting.renewal import Renewal
 from abbe.compcore.fitting.robust import Outlier, reject
 from abbe.compcore.fitting.separable import Profile, search
 from abbe.compcore.fitting.solution import Solution
@@ -63,11 +64,13 @@ class FitResult(Solution, Shown):
 
     `model` is the fitted model; `report` the text that ``abbe fit`` prints, `plot` the pictures of
     its page, `to_pandas` all parameters; `knots` what was found for shapes ``spline:auto``;
-    `caution` how values are kept from being extrapolated (`cautious.cautiously`), None: not at all.
+    `caution` how values are kept from being extrapolated (`cautious.cautiously`), None: not at all;
+    `renewal` what was known before (`renewed.renewed`), None: nothing counts but the campaign.
     """
 
     knots: tuple[KnotChoice, ...] = ()
     caution: Caution | None = None
+    renewal: Renewal | None = None
 
     @property
     def determined(self) -> int:
@@ -84,6 +87,8 @@ class FitResult(Solution, Shown):
         yield from fit_words(self, self.noise)
         if self.caution is not None:
             yield from self.caution.words()
+        if self.renewal is not None:
+            yield from self.renewal.words()
         yield from knot_lines(self.knots)
         for line in (*parameter_lines(self), *rotary_words(self)):
             yield f"  {line}"

@@ -46,23 +46,29 @@ class Adding:
     """What ``abbe add`` is given beside the effect: the model and the campaigns of a diagnosis.
 
     `robust`: readings that stand alone are left out of the fit, as they were of the diagnosis;
-    `holdout`: campaigns that are not fitted.
+    `holdout`: campaigns that are not fitted; `renew`: what the model knew before counts, too.
     """
 
     model: Path
     campaigns: Sequence[Path]
     robust: bool = False
     holdout: Sequence[Path] = ()
+    renew: bool = False
 
     @property
     def fitting(self) -> str:
         """The command that fits the model to the campaigns."""
-        return fitting(self.model, self.campaigns) + (" --robust" if self.robust else "")
+        return " ".join([fitting(self.model, self.campaigns), *self._how])
+
+    @property
+    def _how(self) -> list[str]:
+        asked = (("--robust", self.robust), ("--renew", self.renew))
+        return [option for option, wanted in asked if wanted]
 
     def command(self, spec: str) -> str:
         """The command that adds an effect, with the campaign and the next version's name."""
         words = ["abbe", "add", str(self.model), *spec.split(), "--campaign"]
-        words += [*map(str, self.campaigns), *(("--robust",) if self.robust else ())]
+        words += [*map(str, self.campaigns), *self._how]
         words += ["--holdout", *map(str, self.holdout)] if self.holdout else []
         return shlex.join([*words, "-o", str(next_version(self.model))])
 

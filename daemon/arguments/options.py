@@ -10,6 +10,13 @@ import typer
 Force = Annotated[
     bool, typer.Option("--force", help="Overwrite also what is no file of Abbe; never an input.")
 ]
+Renew = Annotated[
+    bool,
+    typer.Option(
+        "--renew",
+        help="What the model knew from other campaigns counts, too, but for what has changed.",
+    ),
+]
 AsJson = Annotated[bool, typer.Option("--json", help="One JSON object.")]
 Report = Annotated[
     Path | None, typer.Option("--report", help="A page with pictures.", metavar="FILE.html")

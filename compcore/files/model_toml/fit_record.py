@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -74,9 +74,12 @@ def recorded(
     campaign = result.problem.campaign
     if noise is None:
         noise = noise_by_file(campaign, result.model.machine, result.noise)
+    before = {} if result.renewal is None else result.renewal.before.fit
+    now = set(campaign.files.values())
+    earlier = [c for c in before.get("campaigns", ()) if c.get("sha256") not in now]
     record: dict[str, Any] = {
         "date": date,
-        "campaigns": campaign_records(campaign, result.residual, noise),
+        "campaigns": [*earlier, *campaign_records(campaign, result.residual, noise)],
         "n": campaign.n,
         "unit": "um",
         "rms": result.rms(*LENGTHS) * 1e3,
@@ -89,8 +92,15 @@ def recorded(
         "dof": result.dof,
         "determined": result.determined,
         "cautious": True if result.caution is not None else None,
+        "renewed": None
+        if result.renewal is None
+        else {
+            "fitted_anew": [e.spec for e in result.renewal.let_go],
+            "by": sorted(campaign.files.values()),
+            "variance": result.renewal.variance,
+        },
         "abbe": version,
-        "measured": measured_ranges(campaign.conditions),
+        "measured": _wider(measured_ranges(campaign.conditions), before),
         "knots": [
             {
                 "effect": k.effect,
@@ -112,3 +122,21 @@ def recorded(
     if ancestor.fit:
         history = (*history, summary(ancestor))
     return replace(result.model, fit=kept, history=history)
+
+
+def _wider(measured: dict[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
+    """Ranges that hold those of the campaigns before, too."""
+    known = before.get("measured", {})
+    wider = dict(measured)
+    for kind in ("signals", "positions"):
+        ranges = dict(known.get(kind, {}))
+        for name, ends in measured[kind].items():
+            ranges[name] = _hull(ends, ranges.get(name, ends))
+        wider[kind] = ranges
+    tool = known.get("tool", measured["tool"])
+    wider["tool"] = [_hull(one, other) for one, other in zip(measured["tool"], tool, strict=True)]
+    return wider
+
+
+def _hull(one: Sequence[float], other: Sequence[float]) -> list[float]:
+    return [min(one[0], other[0]), max(one[1], other[1])]

@@ -37,6 +37,7 @@ _SAID = {
     "removed": "taken out again, as the others say it too: {0}",
     "composed": 'angles are too large to add up: composition = "exact" from here on',
     "held near 0": "curves ran away where nobody measured; what is hardly shown is held near 0",
+    "kept from before": "what this campaign does not show stays as earlier ones showed it",
     "set aside": "left out, as nothing measured beside agrees: {0}",
 }
 

@@ -9,6 +9,7 @@ from typing import Any
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.comparison.compare import compare
+from abbe.compcore.diagnosis.renewing import renewed_where_known
 from abbe.compcore.errors import FitError
 from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.model_file import save_model
@@ -29,11 +30,13 @@ def fitted_version(
     out: Path,
     *,
     robust: bool = False,
+    renew: bool = False,
     progress: Callable[[str], None] = lambda _: None,
 ) -> tuple[Model, str]:
     """Fit all effects, lay the result beside unseen campaigns, write it; and a summary of the fit.
 
-    With `robust` rows that do not belong to the others are set aside.
+    With `robust` rows that do not belong to the others are set aside; with `renew` what the model
+    knew before counts, where it can.
 
     Raises
     ------
@@ -49,7 +52,9 @@ def fitted_version(
         require_signals(held.campaign, model)
     progress("fitting the next version")
     result = fit(model, campaign, robust=robust)
-    if model.fit.get("cautious"):
+    if renew:
+        result = renewed_where_known(model, result, result)
+    if model.fit.get("cautious") and result.renewal is None:
         result = cautiously(result)
     lengths = result.noise.lengths
     kept = recorded(

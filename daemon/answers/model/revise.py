@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from abbe.compcore.campaign.noise import NoiseFloor, noise_floor
 from abbe.compcore.comparison.compare import compare
 from abbe.compcore.comparison.read_again import ReadAgain, read_again
 from abbe.compcore.diagnosis.findings import measured_kinds
+from abbe.compcore.diagnosis.renewing import renew as known_before
+from abbe.compcore.diagnosis.renewing import renewed_where_known
 from abbe.compcore.effects import RotaryLocation, SpindleLocation
 from abbe.compcore.effects.base import Effect, NonlinearParameter, Parameter
 from abbe.compcore.errors import FitError
@@ -34,6 +36,9 @@ from abbe.daemon.answers.inputs import now
 from abbe.daemon.answers.model.fit import finite
 from abbe.daemon.answers.model.held_out import HeldOutCampaigns, read_held_out, shares
 from abbe.daemon.installed import abbe_version
+
+Renewing = Literal["never", "where it can", "always"]
+"""Whether what a model knew before counts beside another campaign."""
 
 _RISEN = 1.005
 _ROUNDING = 1e-3
@@ -85,17 +90,21 @@ def revise(
     added: str | None = None,
     removed: str | None = None,
     robust: bool = False,
+    renew: Renewing = "never",
     progress: Callable[[str], None] = lambda _: None,
 ) -> Revision:
     """Fit both versions, lay them beside unseen campaigns, write the new one.
 
     With `robust` rows that do not belong to the others are set aside in both fits. A model whose
-    values are cautious (`fitting.cautious`) keeps to that.
+    values are cautious (`fitting.cautious`) keeps to that. With `renew` what the old model knew
+    from other campaigns counts beside this one, but for what has changed.
 
     Raises
     ------
     InputError
         For bad campaigns; nothing is written then.
+    NotRenewedError
+        Where what was known before cannot count, and has to.
     """
     held = read_held_out(holdout, old.machine, campaign)
     unseen = None if held is None else held.campaign
@@ -108,7 +117,12 @@ def revise(
     progress("fitting the next version")
     after = fit(_from(before.model, new), campaign, robust=robust)
     require_no_worse(before, after)
-    if old.fit.get("cautious"):
+    if renew == "always":
+        before, after = known_before(old, before, before), known_before(old, before, after)
+    elif renew == "where it can":
+        after = renewed_where_known(old, before, after)
+        before = before if after.renewal is None else renewed_where_known(old, before, before)
+    if old.fit.get("cautious") and after.renewal is None:
         before, after = cautiously(before), cautiously(after)
     noise = noise_floor(campaign, old.machine)
     lengths = noise.lengths

@@ -14,6 +14,7 @@ from abbe.daemon.arguments.options import (
     HoldoutFiles,
     ModelFile,
     NextModel,
+    Renew,
     VersionsReport,
 )
 
@@ -41,6 +42,7 @@ def add(
     robust: Annotated[
         bool, typer.Option("--robust", help="Set readings aside that stand alone.")
     ] = False,
+    renew: Renew = False,
     as_json: AsJson = False,
     report: VersionsReport = None,
     force: Force = False,
@@ -50,7 +52,7 @@ def add(
     from abbe.daemon.arguments.assignments import split_assignments
     from abbe.daemon.commands.model.next_version import NextVersion
 
-    version = NextVersion(model, campaign, holdout or [], out, report, robust)
+    version = NextVersion(model, campaign, holdout or [], out, report, robust, renew)
     say = version.checked(force=force, as_json=as_json)
     # a whole spec in one pair of quotes is what 'abbe diagnose' prints, too
     name, *more_keys = kind.split() or [kind]

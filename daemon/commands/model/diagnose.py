@@ -54,6 +54,7 @@ def diagnose(
     from abbe.compcore.campaign.noise import noise_floor
     from abbe.compcore.comparison.compare import compare
     from abbe.compcore.diagnosis import diagnose as diagnose_model
+    from abbe.compcore.diagnosis.renewing import renews
     from abbe.compcore.diagnosis.words import diagnosis_words
     from abbe.compcore.errors import InputError
     from abbe.daemon.answers.inputs import load
@@ -104,6 +105,7 @@ def diagnose(
         campaigns,
         robust=bool(found.strays),
         holdout=holdout or (),
+        renew=out is None and renews(found),
     )
     if report is not None:
         from abbe.daemon.report.head import file_on_page, head_of

@@ -15,6 +15,7 @@ from abbe.daemon.arguments.options import (
     CampaignFiles,
     Force,
     ModelFile,
+    Renew,
     Report,
 )
 
@@ -38,6 +39,7 @@ def fit(
             help="What the campaign shows little of stays near 0, in place of being extrapolated.",
         ),
     ] = False,
+    renew: Renew = False,
     frame: Annotated[
         str,
         typer.Option(help="Reference frame: least-squares, or primary and secondary axis: X,Y."),
@@ -54,7 +56,8 @@ def fit(
     force: Force = False,
 ) -> None:
     """Fit all parameters of a model to campaigns and write the fitted model."""
-    from abbe.compcore.errors import FitError
+    from abbe.compcore.diagnosis.renewing import renew as known_before
+    from abbe.compcore.errors import FitError, InputError
     from abbe.compcore.files.model_file import save_model
     from abbe.compcore.files.model_toml.fit_record import recorded
     from abbe.compcore.fitting.cautious import cautiously
@@ -71,6 +74,13 @@ def fit(
     chosen = ReferenceFrame.parse(
         frame, None if frame_tool is None else tool_offset("frame-tool", frame_tool)
     )
+    if renew and (cautious or chosen.primary):
+        raise InputError(
+            "--renew keeps the values and the frame of the model as it was",
+            field="--renew",
+            found="--cautious" if cautious else "--frame",
+            expected="one of the two",
+        )
     say = check_outputs(
         [model, *campaigns, active], [(out, MODEL), (report, REPORT)], force=force, as_json=as_json
     )
@@ -84,6 +94,9 @@ def fit(
         result = fit_model(loaded, campaign, robust=robust, frame=chosen, progress=tell)
         if cautious:
             result = cautiously(result)
+        if renew:
+            tell("what was known before")
+            result = known_before(loaded, result, result)
         tell("noise floor")
         lengths = result.noise.lengths
         record = recorded(

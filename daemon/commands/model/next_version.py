@@ -29,6 +29,8 @@ class NextVersion:
         The next version; a page with the error, version by version, None: none is asked for.
     robust
         Whether readings that stand alone are set aside in the fits.
+    renew
+        Whether what the model knew from other campaigns counts beside these.
     """
 
     model: Path
@@ -37,6 +39,7 @@ class NextVersion:
     out: Path
     report: Path | None
     robust: bool = False
+    renew: bool = False
 
     def checked(self, *, force: bool, as_json: bool) -> Say:
         """Refuse outputs that would destroy something; parameters and errors of `check_outputs`."""
@@ -83,6 +86,7 @@ class NextVersion:
                 added=effect.spec if adds else None,
                 removed=None if adds else effect.spec,
                 robust=self.robust,
+                renew="always" if self.renew else "never",
                 progress=tell,
             )
         self.write_page(revision.model)

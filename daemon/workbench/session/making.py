@@ -22,7 +22,9 @@ def fitting(laid: LaidCampaigns, *, robust: bool) -> Making:
     campaign, held = laid.rows, laid.held
 
     def made(current: Model, out: Path, tell: Tell) -> tuple[Model, list[str]]:
-        model, said = fitted_version(current, campaign, held, out, robust=robust, progress=tell)
+        model, said = fitted_version(
+            current, campaign, held, out, robust=robust, renew=True, progress=tell
+        )
         return model, [said]
 
     return made
@@ -44,7 +46,7 @@ def adding(model: Model, spec: str, laid: LaidCampaigns, *, robust: bool) -> Mak
         changed, effect = with_effect(current, kind, split_assignments(keys))
         revision = revise.revise(
             current, changed, campaign, held, out,
-            added=effect.spec, robust=robust, progress=tell,
+            added=effect.spec, robust=robust, renew="where it can", progress=tell,
         )  # fmt: skip
         return revision.model, list(revise.as_text(revision, effect))
 

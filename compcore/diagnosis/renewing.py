@@ -1,0 +1,101 @@
+"""A fitted model renewed by a later campaign, but for what has changed since it was fitted."""
+
+from __future__ import annotations
+
+from abbe.compcore.diagnosis.changed import Standing, standing
+from abbe.compcore.diagnosis.findings import Findings
+from abbe.compcore.errors import FitError
+from abbe.compcore.fitting.fit import FitResult
+from abbe.compcore.fitting.renewed import renewed
+from abbe.compcore.model.model import Model
+from abbe.compcore.sentences import joined, said
+
+
+class NotRenewedError(FitError):
+    """What was known before cannot count beside a campaign."""
+
+
+def known_of_others(model: Model, campaign_files: set[str]) -> bool:
+    """Whether a model knows its values from other campaigns than these (their SHA-256), too."""
+    if model.covariance is None or not model.terms or not all(t.fitted for t in model.terms):
+        return False
+    return not model.fitted_to & campaign_files or _renewed_by(model, campaign_files)
+
+
+def _renewed_by(model: Model, campaign_files: set[str]) -> bool:
+    """Whether these campaigns, all of them, were the last that renewed the model."""
+    return set(model.fit.get("renewed", {}).get("by", ())) == campaign_files
+
+
+def renews(diagnosis: Findings) -> bool:
+    """Whether what was known before can count beside the campaign that was diagnosed."""
+    problem, holds = diagnosis.whole.problem, diagnosis.standing
+    if holds is None or holds.suspicions or not holds.else_holds:
+        return False
+    return known_of_others(problem.model, set(problem.campaign.files.values()))
+
+
+def renewed_where_known(given: Model, first: FitResult, last: FitResult) -> FitResult:
+    """As `renew`; the fit as it is where nothing was known, or too much has changed."""
+    try:
+        return renew(given, first, last)
+    except NotRenewedError:
+        return last
+
+
+def renew(given: Model, first: FitResult, last: FitResult) -> FitResult:
+    """A fit to a later campaign, with what was known before of all that has not changed.
+
+    Parameters
+    ----------
+    given
+        The model as it was, with values and covariance.
+    first
+        Its effects fitted to the later campaign.
+    last
+        The fit to renew: `first`, or one of more effects.
+
+    Raises
+    ------
+    NotRenewedError
+        In words: where nothing was known, where the campaign is one of those that the model was
+        fitted to, or where more has changed than some of its effects.
+    """
+    campaign = first.problem.campaign
+    if given.covariance is None or not all(t.fitted for t in given.terms) or not given.terms:
+        raise NotRenewedError(
+            said(
+                "the model has no values with their covariance that could be renewed: fit it "
+                "without --renew"
+            )
+        )
+    files = set(campaign.files.values())
+    if _renewed_by(given, files):
+        return renewed(last, given, (), float(given.fit["renewed"]["variance"]), first)
+    if given.fitted_to & files:
+        raise NotRenewedError(
+            said(
+                "the model was fitted to this campaign already, which would count twice: renew "
+                "the model as it was before"
+            )
+        )
+    thin = first.thin
+    more = [i for i, e in enumerate(last.model.effects) if e not in given.effects]
+    layout = last.problem.layout
+    beside = [
+        thin.effect_columns(last.model.effects[i], layout.nonlinear_values(i, last.theta))
+        for i in more
+    ]
+    holds = standing(given, thin, beside)
+    if holds is None or holds.suspicions or not holds.else_holds:
+        raise NotRenewedError(_why(holds))
+    return renewed(last, given, [c.effect for c in holds.changes], holds.variance)
+
+
+def _why(holds: Standing | None) -> str:
+    if holds is not None and holds.suspicions:
+        return joined(holds.suspicions, "; ")
+    return said(
+        "more than some effects of the model has changed, or something is missing in it: see "
+        "'abbe diagnose'; fit the whole model again, without --renew"
+    )
