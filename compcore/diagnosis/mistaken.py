@@ -2,8 +2,9 @@
 
 A mistake has no parameter of its own. So where the same model, fitted to the campaign as it would
 be without it, leaves less than half of what is more than noise, nothing that has to be fitted says
-it as plainly. What judges is the model with all error motions of its linear axes and its scales'
-expansions: beside a bare machine neither way would agree with anything.
+it as plainly. What judges is the model with all error motions of its linear axes, its scales'
+expansions and the places of its rotary axes: beside a bare machine neither way would agree with
+anything.
 """
 
 from __future__ import annotations

@@ -57,6 +57,7 @@ def gauss_newton(
     cost = np.inf
     in_full = problem.model.composition == "exact"
     converged = _CONVERGED_IN_FULL if in_full else _CONVERGED
+    damped, undamped = 0.0, True
     for _ in range(_ROUNDS):
         reduced = triangle(problem, theta, free)
         before = 0.5 * float(reduced[:, m] @ reduced[:, m])
@@ -65,7 +66,9 @@ def gauss_newton(
         decomposition.follow(reduced[:m, m], (theta - origin)[free], left)
         hardly = converged * max(before, 1e-3 * problem.n)
         if cost - before <= hardly:
-            break
+            if undamped:
+                break
+            damped = 0.0  # a longer step may still lead lower
         cost = before
         step = np.zeros_like(theta)
         step[free] = decomposition.solve(reduced[:m, m])
@@ -76,10 +79,17 @@ def gauss_newton(
         if before - 0.5 * float(ahead @ ahead) <= hardly:
             # as low as the tangent leads: a search would only find rounding
             break
-        dampings = _dampings(decomposition)
-        shorter = (step * 0.5**k for k in range(_HALVINGS))
-        damped = (_placed(theta, free, decomposition.solve(reduced[:m, m], d)) for d in dampings)
-        theta = _lower(problem, theta, chain(shorter, damped), before)
+
+        undamped = not damped
+        longer = ((step * 0.5**k, 0.0) for k in range(_HALVINGS if undamped else 0))
+        # what was too long a step ago mostly still is
+        least = damped / _DAMPED
+        shorter = (
+            (_placed(theta, free, decomposition.solve(reduced[:m, m], d)), d)
+            for d in _dampings(decomposition)
+            if d >= least
+        )
+        theta, damped = _lower(problem, theta, chain(longer, shorter), before)
     calm = theta.copy()
     calm[free] = decomposition.minimum_norm(theta[free], start[free])
     if not direct:
@@ -116,13 +126,18 @@ def _cost(problem: Problem, theta: F64) -> float:
     return 0.5 * float(left @ left + known @ known)
 
 
-def _lower(problem: Problem, theta: F64, steps: Iterable[F64], before: float) -> F64:
-    """θ and the first of some steps with which the cost is no higher; θ where it is with all."""
-    for step in steps:
+def _lower(
+    problem: Problem, theta: F64, steps: Iterable[tuple[F64, float]], before: float
+) -> tuple[F64, float]:
+    """θ and the first of some steps with which the cost is no higher, and by what it was damped.
+
+    θ where it is higher with all.
+    """
+    for step, damped in steps:
         tried = problem.layout.within(theta + step)
         if _cost(problem, tried) <= before:
-            return tried
-    return theta
+            return tried, damped
+    return theta, 0.0
 
 
 def _placed(theta: F64, free: Index, values: F64) -> F64:

@@ -1,9 +1,9 @@
-"""What the linear axes of every machine have: error motions, squarenesses, scales that expand."""
+"""What the axes of every machine have: error motions, squarenesses, places, scales that expand."""
 
 from __future__ import annotations
 
 from abbe.compcore.campaign.campaign import Campaign
-from abbe.compcore.diagnosis.screening.candidates import RIGID, candidates
+from abbe.compcore.diagnosis.screening.candidates import PLAIN, RIGID, candidates
 from abbe.compcore.effects import ScaleExpansion
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.machine.machine import Machine
@@ -30,11 +30,15 @@ def motion(effect: Effect) -> object:
 
 
 def with_all_motions(model: Model, campaign: Campaign) -> Model:
-    """A model, not fitted, with all of these that a campaign could show and the model lacks."""
+    """A model, not fitted, with all of these that a campaign could show and the model lacks.
+
+    And with where rotary axes and the tool lie: an arm is drawn by lengths that are mm off.
+    """
     known = {motion(e) for e in model.effects}
     missing: dict[object, Effect] = {}
     for effect in (c.effect for c in candidates(model, campaign)):
-        if of_a_body(effect, model.machine) and motion(effect) not in known:
+        of_all = effect.kind in PLAIN or of_a_body(effect, model.machine)
+        if of_all and motion(effect) not in known:
             missing.setdefault(motion(effect), effect)
     for effect in missing.values():
         model, _ = with_effect(model, effect.kind, effect.where())

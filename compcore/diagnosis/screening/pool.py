@@ -95,6 +95,11 @@ class _Array:
 _Asked = tuple[_Array, _Array, int, tuple[tuple[str, float], ...]]
 """Residual and extra columns of a basis, key and non-linear parameters of a cause."""
 
+
+def _at(basis: Basis) -> tuple[_Array, _Array]:
+    return _Array(basis.residual), _Array(basis.extra)
+
+
 Columns = Callable[[Candidate, Mapping[str, float]], F64]
 
 
@@ -140,6 +145,7 @@ class Pool:
         self._bank = Bank(fitted, self._trials)
         self._known: dict[_Asked, Basis] = {}
         self._screened: dict[tuple[_Array, _Array], list[ScreenedCandidate]] = {}
+        self._refined: dict[tuple[_Asked, float, float, float], WeighedCandidate] = {}
         self._left_out: dict[tuple[_Array, _Array, int], LeftOut] = {}
         self._steps: dict[int, F64] = {}
 
@@ -155,12 +161,7 @@ class Pool:
     def joined(self, basis: Basis, found: Iterable[WeighedCandidate]) -> Basis:
         """A basis after causes joined the model, one after the other; worked out once."""
         for f in found:
-            key = (
-                _Array(basis.residual),
-                _Array(basis.extra),
-                f.key,
-                tuple(f.screened.nonlinear.items()),
-            )
+            key = (*_at(basis), f.key, tuple(f.screened.nonlinear.items()))
             if key not in self._known:
                 self._known[key] = basis.extended(self.found_columns(f))
             known = self._known[key]
@@ -169,7 +170,7 @@ class Pool:
 
     def left_out(self, basis: Basis, rows: Sequence[NDArray[np.int64]]) -> LeftOut:
         """What a basis leaves of folds that are left out (`Blocks` keeps them); worked out once."""
-        key = (_Array(basis.residual), _Array(basis.extra), id(rows))
+        key = (*_at(basis), id(rows))
         if key not in self._left_out:
             self._left_out[key] = LeftOut.of(basis, rows)
         return self._left_out[key]
@@ -184,7 +185,7 @@ class Pool:
 
     def ranked(self, basis: Basis, without: frozenset[int] = frozenset()) -> list[WeighedCandidate]:
         """All candidates that the campaign can see, strongest evidence first."""
-        key = (_Array(basis.residual), _Array(basis.extra))
+        key = _at(basis)
         if key not in self._screened:
             self._screened[key] = self._bank.screen(basis)
         screened = [s for s in self._screened[key] if s.rank and s.key not in without]
@@ -275,7 +276,18 @@ class Pool:
         return max(0.0, found.evidence.value - likelier + price_of(basis, count, candidate.cost))
 
     def refined(self, basis: Basis, found: WeighedCandidate) -> WeighedCandidate:
-        """The same candidate with its non-linear parameters moved to the best place nearby."""
+        """The same candidate with its non-linear parameters moved to the best place nearby.
+
+        Worked out once: beside the same causes the same candidates are asked about again and again.
+        """
+        screened = found.screened
+        cause = (*_at(basis), found.key, tuple(screened.nonlinear.items()))
+        asked = (cause, screened.drop, found.doubt, basis.share)
+        if asked not in self._refined:
+            self._refined[asked] = self._nearby(basis, found)
+        return self._refined[asked]
+
+    def _nearby(self, basis: Basis, found: WeighedCandidate) -> WeighedCandidate:
         candidate = self.candidates[found.key]
         if not candidate.nonlinear_count:
             return self._doubted(basis, found)

@@ -181,7 +181,8 @@ def _established(
 def _leading(ranked: Sequence[WeighedCandidate]) -> list[WeighedCandidate]:
     """The strongest candidates, and the shifts that turns among them are without a lever."""
     first = list(ranked[:LEADERS])
-    return first + [f for f in ranked[LEADERS:] if any(_shift_of(f, g) for g in first)]
+    turns = [g for g in first if g.candidate.effect.kind in _SHIFTS.values()]
+    return first + [f for f in ranked[LEADERS:] if any(_shift_of(f, g) for g in turns)]
 
 
 def _cause(found: WeighedCandidate) -> tuple[str, tuple[tuple[str, str], ...]]:

@@ -16,7 +16,11 @@ from abbe.compcore.diagnosis.screening.pool import MATERIAL, SIGNIFICANT
 from abbe.compcore.diagnosis.screening.projection.bank import ScreenedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
 from abbe.compcore.diagnosis.uncatalogued.pattern_bank import PatternBank, PatternFamily
-from abbe.compcore.diagnosis.uncatalogued.patterns.motions import error_motions, lever_axes
+from abbe.compcore.diagnosis.uncatalogued.patterns.motions import (
+    error_motions,
+    lever_axes,
+    turned_by_joints,
+)
 from abbe.compcore.diagnosis.uncatalogued.patterns.oscillations import (
     oscillation,
     oscillations,
@@ -101,6 +105,7 @@ class Patterns:
         machine = self._machine = problem.model.machine
         self._quantities = variables(machine, campaign.conditions)
         on = error_motions(machine)
+        self._joints, self._turned = turned_by_joints(machine, [q.name for q in self._quantities])
         tangent = problem.tangent(theta)
         self._seen = {c: tangent.sensitivity(c) * problem.weight for c in on}
         order = 3 if campaign.n <= _MANY_ROWS else 2
@@ -134,6 +139,8 @@ class Patterns:
 
     def _shortened(self, basis: Basis, structure: ResidualPattern) -> ResidualPattern:
         pattern = structure.pattern
+        if pattern.error_motion in self._turned and self._joints.intersection(structure.depends_on):
+            return replace(structure, pattern=replace(pattern, terms=()))
         if pattern.terms and len(pattern.factors) < 2:
             return structure
         seen = self._seen[pattern.error_motion]

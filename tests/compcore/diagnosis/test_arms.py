@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,8 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from abbe.compcore.comparison.compare import compare
+from abbe.compcore.diagnosis.explain import formula
+from abbe.compcore.diagnosis.mistaken import mistakes
 from abbe.compcore.diagnosis.pictures import IN_VOLUME, OVER_TIME
 from abbe.compcore.diagnosis.stepwise.to_the_verdict import to_the_verdict
 from abbe.compcore.diagnosis.verdict import diagnose
@@ -63,13 +66,20 @@ def poses(rng: np.random.Generator, n: int) -> F64:
     return q
 
 
-def measured(tmp_path: Path, seed: int) -> tuple[Model, Path, Path]:
-    """The bare arm, a campaign of 40 poses by a tracker, and another of 100."""
+def measured(
+    tmp_path: Path, seed: int, drawn_wrong: dict[str, F64] | None = None
+) -> tuple[Model, Path, Path]:
+    """The bare arm, a campaign of 40 poses by a tracker, and another of 100.
+
+    drawn_wrong: joint → how much further off its line is than joints are, mm and rad.
+    """
     rng = np.random.default_rng(seed)
     errors = {
         joint: np.concatenate([rng.normal(0.0, 0.1, 3), rng.normal(0.0, 3e-4, 3)])
         for joint in JOINTS
     }
+    for joint, more in (drawn_wrong or {}).items():
+        errors[joint] = errors[joint] + more
     sags = np.array([8e-4, 3e-4, 7e-4])
     head = ['format = "abbe-model/1"', "[machine]", f'structure = "w b {" ".join(JOINTS)} t"']
     head.append('composition = "exact"')
@@ -129,3 +139,25 @@ def test_the_picture_of_an_arm_is_where_its_tool_stood(tmp_path: Path) -> None:
     assert OVER_TIME not in figures
     x = np.asarray(figures[IN_VOLUME]()["data"][0]["x"], dtype=float)
     assert np.nanmax(x) - np.nanmin(x) > 500.0
+
+
+def test_an_arm_that_is_drawn_wrong_is_nobodys_turned_sign(tmp_path: Path) -> None:
+    # a real one's lengths were typed from memory: 47 mm of forearm beside the upper arm
+    wrong = {"C4": 47.0 * np.eye(6)[1], "B2": -0.06 * np.eye(6)[5]}
+    model, fitted, _ = measured(tmp_path, 1, wrong)
+    assert not mistakes(model, read_campaign(fitted, model.machine))
+
+
+def test_what_goes_round_with_joints_has_no_formula_along_a_direction_of_the_room(
+    tmp_path: Path,
+) -> None:
+    model, fitted, _ = measured(tmp_path, 1)
+    campaign = read_campaign(fitted, model.machine)
+    q = campaign.conditions.positions
+    product = 0.5 * np.sin(q["B2"]) * np.sin(q["C4"]) * campaign.conditions.u[:, 2]
+    placed = with_effect(model, "rotary_location", {"axis": "B2"})[0]
+    found = diagnose(placed, replace(campaign, value=campaign.value + product))
+    along = [s for s in found.structure if str(s.pattern.error_motion) == "dZ"]
+    assert along
+    assert all({"B2", "C4"} & set(s.depends_on) for s in along)
+    assert not any(formula(s) for s in along)

@@ -27,6 +27,7 @@ _FEWEST_WAVES = 2.0
 _RESOLVED = 1.02
 _FEWEST_TEETH, _MOST_TEETH = 5, 360
 """Waves in a turn of a rotary axis that are looked for: teeth of a worm wheel, poles of a motor."""
+_OF_A_TURN = tuple(WHOLE_TURN / n for n in range(_MOST_TEETH, _FEWEST_TEETH - 1, -1))
 
 
 def _period(axis: Axis) -> NonlinearParameter:
@@ -42,7 +43,7 @@ def _period(axis: Axis) -> NonlinearParameter:
             "period",
             "rad",
             bounds=(0.9 * WHOLE_TURN / _MOST_TEETH, WHOLE_TURN / (_FEWEST_TEETH - 0.5)),
-            starts=tuple(WHOLE_TURN / n for n in range(_MOST_TEETH, _FEWEST_TEETH - 1, -1)),
+            starts=_OF_A_TURN,
             plausible=(0.5 * WHOLE_TURN / _MOST_TEETH, WHOLE_TURN / (_FEWEST_TEETH - 0.5)),
             description=f"angle after which {axis.name} errs alike",
             extent=True,
