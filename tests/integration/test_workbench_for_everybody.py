@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -13,6 +14,7 @@ from tests.support.daemon.browser import INK, assert_for_everybody, assert_quiet
 from tests.support.daemon.live_run import compensating, live_run, machine
 from tests.support.daemon.some_setups import some_setups
 from tests.support.daemon.workbench import opened
+from tests.support.pdf_text import pages_of
 
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(900)]
 
@@ -150,6 +152,14 @@ def test_on_paper_the_volume_is_there(browser: Browser, tmp_path: Path) -> None:
         assert canvas.evaluate(INK) > 300
         page.evaluate("dispatchEvent(new Event('afterprint'))")
         assert page.evaluate("getComputedStyle(document.body).backgroundColor") == dark
+        # the first sheet says what it is of, and is no heading alone
+        paper_file = tmp_path / "compare.pdf"
+        page.pdf(path=paper_file, format="A4")
+        first = pages_of(paper_file)[0].text
+        digest = hashlib.sha256(campaign.read_bytes()).hexdigest()
+        for words in ("Operator", "Environment", "Serialnumber", digest, "Lengths:whereitfails"):
+            assert words in first, words
+        assert page.locator("#facts").get_attribute("open") is None
         # and the file that a printer gets has a drawing for each
         drawings = re.compile(rb"/Subtype\s*/(?:Form|Image)")
         paper = drawings.findall(page.pdf(print_background=False))

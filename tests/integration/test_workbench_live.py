@@ -30,6 +30,11 @@ from tests.support.daemon.workbench import OpenedWorkbench, opened
 pytestmark = [pytest.mark.integration, pytest.mark.timeout(600)]
 
 SEEN = ".live[data-seen=run]"
+HIDE = """(hidden) => {
+  Object.defineProperty(document, "hidden", {value: hidden, configurable: true});
+  document.dispatchEvent(new Event("visibilitychange"));
+}"""
+"""What a browser does with a window that another one covers; this one shows all of them."""
 
 
 @pytest.fixture(scope="module")
@@ -74,6 +79,16 @@ def test_a_run_is_seen_lost_and_seen_again(browser: Browser, tmp_path: Path) -> 
                 before = run.cycles[-1]["cycle"]
                 page.wait_for_function(
                     "n => Number(document.querySelector('.live').dataset.cycle) > n", arg=before
+                )
+                # a window that nobody sees keeps no connection from those that are seen
+                page.evaluate(HIDE, True)
+                stood = page.locator(".live").get_attribute("data-cycle")
+                run.until(lambda c: c["cycle"] > int(stood or 0) + 30)
+                expect(page.locator(".live")).to_have_attribute("data-cycle", stood or "")
+                page.evaluate(HIDE, False)
+                page.wait_for_function(
+                    "n => Number(document.querySelector('.live').dataset.cycle) > n + 30",
+                    arg=int(stood or 0),
                 )
                 # what is shown is what was written, at some moment around it
                 shown = number(page, "X")

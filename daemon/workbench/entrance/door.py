@@ -12,10 +12,10 @@ import asyncio
 import secrets
 import time
 from collections.abc import Callable, Mapping
-from http.cookies import CookieError, SimpleCookie
 from urllib.parse import parse_qs
 
 from starlette.exceptions import HTTPException
+from starlette.requests import cookie_parser
 from starlette.responses import PlainTextResponse, RedirectResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
@@ -191,17 +191,9 @@ class WorkbenchDoor:
     def _session(self, scope: Scope) -> str:
         """The session that a request belongs to; empty where it has none."""
         cookies = [v.decode("latin-1") for n, v in scope["headers"] if n == b"cookie"]
-        found = SimpleCookie()
-        try:
-            found.load("; ".join(cookies))
-        except CookieError:
-            return ""
-        mine = found.get(self._cookie)
-        if mine is None:
-            return ""
-        known = [
-            s for s in self._sessions if secrets.compare_digest(mine.value.encode(), s.encode())
-        ]
+        # all programs on 127.0.0.1 share their cookies, and others' may be in any form
+        mine = cookie_parser("; ".join(cookies)).get(self._cookie, "")
+        known = [s for s in self._sessions if secrets.compare_digest(mine.encode(), s.encode())]
         return known[0] if known else ""
 
     def _while_it_lives(self, session: str, receive: Receive) -> Receive:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import with_effect
+from abbe.compcore.sentences import said
 from abbe.daemon.answers.model import revise
 from abbe.daemon.answers.model.first_fit import fitted_version
 from abbe.daemon.arguments.assignments import split_assignments
@@ -22,10 +23,10 @@ def fitting(laid: LaidCampaigns, *, robust: bool) -> Making:
     campaign, held = laid.rows, laid.held
 
     def made(current: Model, out: Path, tell: Tell) -> tuple[Model, list[str]]:
-        model, said = fitted_version(
+        model, found = fitted_version(
             current, campaign, held, out, robust=robust, renew=True, progress=tell
         )
-        return model, [said]
+        return model, [found]
 
     return made
 
@@ -48,6 +49,7 @@ def adding(model: Model, spec: str, laid: LaidCampaigns, *, robust: bool) -> Mak
             current, changed, campaign, held, out,
             added=effect.spec, robust=robust, renew="where it can", progress=tell,
         )  # fmt: skip
-        return revision.model, list(revise.as_text(revision, effect))
+        what = said("added: {cause}", cause=effect.spec)
+        return revision.model, [what, *revise.as_text(revision, effect)]
 
     return made

@@ -287,6 +287,11 @@ $("end").addEventListener("click", async () => {
   document.body.replaceChildren(el("main", {}, el("h1", {}, t("The workbench is closed.")),
     el("p", {}, t("The versions that were made lie in their folder. This window can be closed."))));
 });
+// on paper stands what it is of; on the screen it may be folded
+const facts = $("facts");
+let folded = false;
+addEventListener("beforeprint", () => { folded = !facts.open; facts.open = true; });
+addEventListener("afterprint", () => { if (folded) facts.open = false; });
 // a session lasts while somebody is there: what pages ask by themselves does not count
 let here = performance.now(); // the computer's clock may be set
 for (const kind of ["pointerdown", "keydown"])

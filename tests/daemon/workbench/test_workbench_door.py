@@ -60,6 +60,14 @@ def test_a_browser_that_has_not_entered_sees_nothing(bench: OpenedWorkbench) -> 
     assert [bench.ask("GET", path).status for path in LOOKS] == [200] * len(LOOKS)
 
 
+def test_cookies_of_other_programs_shut_nobody_out(bench: OpenedWorkbench) -> None:
+    """A browser sends one cookie to all ports of this computer."""
+    for other in ('seen={"a": [1, 2]}', "a b=c d; @; [x]=1", 'n\xe9="\xfc', "expires=Mon; path=/"):
+        for cookie in (f"{other}; {bench.cookie}", f"{bench.cookie}; {other}"):
+            assert bench.ask("GET", "/api/state", cookie=cookie).status == 200, cookie
+        assert bench.ask("GET", "/api/state", cookie=other).status == 403
+
+
 def test_the_printed_address_counts_once_and_its_cookie_stays_here(
     bench: OpenedWorkbench,
 ) -> None:

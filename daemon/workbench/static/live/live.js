@@ -35,8 +35,8 @@ export class Live {
   }
 
   close() {
-    this.source?.close();
-    clearTimeout(this.again);
+    this.#unstream();
+    document.removeEventListener("visibilitychange", this.turned);
     this.history?.close();
     clearInterval(this.clock);
     clearInterval(this.volumes);
@@ -62,8 +62,16 @@ export class Live {
     };
   }
 
+  #unstream() {
+    this.source?.close();
+    clearTimeout(this.again);
+  }
+
   #begin() {
-    this.#stream();
+    // a browser has six connections to a server: windows that nobody sees leave them to the others
+    this.turned = () => { this.#unstream(); if (!document.hidden) this.#stream(); };
+    this.turned();
+    document.addEventListener("visibilitychange", this.turned);
     this.clock = setInterval(() => this.#say(), 1000);
     this.volumes = setInterval(() => { if (!document.hidden && !this.isLost) this.#volume(); }, VOLUME_EVERY);
   }

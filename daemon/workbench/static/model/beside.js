@@ -1,13 +1,17 @@
 // Two versions side by side: what each leaves of the same campaigns, and in what they differ.
 import {label, say, t} from "../shared/language.js";
-import {el, table} from "../shared/dom.js";
+import {el, keyFigures, table} from "../shared/dom.js";
 import {get, why} from "../shared/server.js";
 import {Linked} from "../residuals/linked.js";
 import {reaches, Scatter} from "../residuals/scatter.js";
 import {legend} from "./compare.js";
 
-/** Two lists of versions, a button, and what is found below them. */
-export function besideSection(versions, current, trouble) {
+/** Two lists of versions, a button, and what is found below them; as it stands where it is of the same. */
+export function besideSection(versions, standsOn, trouble) {
+  const key = JSON.stringify([versions, standsOn]);
+  const before = document.getElementById("beside")?.parentElement;
+  if (before?.dataset.key === key) return before;
+  const current = versions.find((v) => v.current)?.number;
   const place = el("div", {id: "beside"});
   const choose = (id, words, at) => {
     const list = el("select", {id}, ...versions.map((v) => el("option", {value: v.number, selected: v.number === at}, v.name)));
@@ -26,7 +30,7 @@ export function besideSection(versions, current, trouble) {
       trouble(why(error));
     }
   };
-  return el("section", {}, el("h2", {}, t("Two versions side by side")),
+  return el("section", {"data-key": key}, el("h2", {}, t("Two versions side by side")),
     el("p", {class: "tools"}, ...leftWords, left, " ", ...rightWords, right, " ",
       el("button", {id: "look-beside", onclick: look}, t("Lay them side by side"))), place);
 }
@@ -38,8 +42,7 @@ function shown(found) {
   const [left, right] = found.sides;
   const card = (side) => el("section", {class: "card"}, el("h3", {class: side.holds ? "good" : "bad"}, side.name),
     el("p", {}, say(side.title)),
-    el("dl", {class: "key"}, ...side.key.map(([name, value, unit]) =>
-      el("div", {}, el("dt", {}, label(name)), el("dd", {}, `${value} `, el("small", {}, unit))))));
+    ...keyFigures(side.key));
   return [
     el("div", {class: "pair"}, card(left), card(right)),
     ...found.only.map((specs, k) => (specs.length

@@ -1,6 +1,6 @@
 // Compare: whether the model holds, and where it does not.
 import {label, say, t} from "../shared/language.js";
-import {el, table} from "../shared/dom.js";
+import {el, keyFigures, table} from "../shared/dom.js";
 import {Linked} from "../residuals/linked.js";
 import {reaches, Scatter} from "../residuals/scatter.js";
 import {Volume} from "../residuals/volume.js";
@@ -29,8 +29,7 @@ export function compareView(found, next) {
     ...found.verdict.map((text) => el("p", {}, say(text))),
     found.unfitted ? el("p", {class: "note"}, t("No value of this model has been fitted yet: what is left is the whole error. Looking for causes fits it first.")) : null,
     found.fitted ? el("p", {class: "note"}, say(found.fitted)) : null,
-    el("dl", {class: "key"}, ...found.key.map(([name, value, unit]) =>
-      el("div", {}, el("dt", {}, label(name)), el("dd", {}, `${value} `, el("small", {}, unit))))),
+    ...keyFigures(found.key),
     el("p", {}, el("button", {class: "main", id: "why", onclick: next},
       found.holds && !found.open ? t("Is anything missing? Look for causes") : t("Why? Look for causes"))),
     ...found.suspicions.map((text) => el("p", {class: "warning"}, t("SUSPICIOUS: {what}", {what: say(text)}))));

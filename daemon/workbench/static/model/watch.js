@@ -36,7 +36,7 @@ export function watchView(found, state, act, next, trouble) {
         ? t("Each version is a model file in {folder}; none is ever written over.", {folder: state.folder})
         : state.take_out ? t("Nothing is written into the plant's store. Take the files out with  {command}", {command: state.take_out})
         : t("No folder for versions was stated (--versions FOLDER): nothing is written."))),
-    ...(state.empty || found.versions.length < 2 ? [] : [besideSection(found.versions, found.versions.find((v) => v.current)?.number, trouble)]),
+    ...(state.empty || found.versions.length < 2 ? [] : [besideSection(found.versions, state.stands_on, trouble)]),
     journalSection(found, act),
   ];
 }

@@ -46,6 +46,14 @@ export function table(title, columns, found, last = null) {
     el("tbody", {}, ...body)));
 }
 
+/** The figures that say most, each under its name; those of rotations stand in a line of their own. */
+export function keyFigures(found) {
+  const at = found.findIndex(([name]) => name.startsWith("rotations"));
+  const lines = at > 0 ? [found.slice(0, at), found.slice(at)] : [found];
+  return lines.map((own) => el("dl", {class: "key"}, ...own.map(([name, value, unit]) =>
+    el("div", {}, el("dt", {}, label(name)), el("dd", {}, `${value} `, el("small", {}, label(unit)))))));
+}
+
 /** Other texts in the cells of such a table; false where it has other rows. */
 export function refill(place, cells) {
   const rows = place.querySelectorAll("tbody tr");

@@ -83,7 +83,10 @@ export class Space {
         return this.at(p);
       });
       const [x, y] = edges.sort((a, b) => (k === 2 ? a[0] - b[0] : b[1] - a[1]))[0];
-      const range = `${this.names[k]} ${number(low, 4)} … ${number(high, 4)}`;
+      // both ends as finely: three digits of the larger
+      const after = Math.max(0, 2 - Math.floor(Math.log10(Math.max(Math.abs(low), Math.abs(high)))));
+      const [from, to] = [low, high].map((end) => number(Number(end.toFixed(Math.min(after, 6))), 7));
+      const range = `${this.names[k]} ${from} … ${to}`;
       if (this.narrow) ranges.push(range);
       const words = this.narrow ? this.names[k] : `${range} mm`;
       const left = k === 2 || x < this.at(this.middle)[0];

@@ -1,6 +1,6 @@
 // Tables: what the controller will hold, what remains and where; their upload, looked at before it is done.
 import {label, line, say, t} from "../shared/language.js";
-import {draw, el, table} from "../shared/dom.js";
+import {draw, el, keyFigures, moment, table} from "../shared/dom.js";
 import {get, Lost, onBack, Outside, Refusal} from "../shared/server.js";
 import {Controller} from "./controller.js";
 
@@ -37,8 +37,7 @@ export class Tables {
       el("p", {}, t("No new tables were stated (abbe open … --tables FOLDER): what is active can be asked for and rolled back.")));
     return el("section", {class: "verdict"},
       el("h1", {}, say(tables.title)), el("p", {}, label(tables.controller)),
-      el("dl", {class: "key"}, ...tables.key.map(([name, value, unit]) =>
-        el("div", {}, el("dt", {}, label(name)), el("dd", {}, `${value} `, el("small", {}, label(unit)))))),
+      ...keyFigures(tables.key),
       ...tables.trust.map((text) => el("p", {class: tables.unverified ? "warning" : "note"}, say(text))));
   }
 
@@ -79,7 +78,7 @@ export class Tables {
       el("section", {}, el("h2", {}, t("At the controller")),
         el("ol", {}, ...tables.activation.map((text) => el("li", {}, label(text))))),
       el("section", {}, el("h2", {}, t("Record (ISO/TR 16907, 9.1)")),
-        table("", ["", ""], tables.facts.map(([name, text]) => [label(name), text])), table("", ["", t("File"), "SHA-256"], tables.files.map(([part, ...rest]) => [label(part), ...rest]))),
+        table("", ["", ""], tables.facts.map(([name, text]) => [label(name), moment(text)])), table("", ["", t("File"), "SHA-256"], tables.files.map(([part, ...rest]) => [label(part), ...rest]))),
     ];
   }
 }
