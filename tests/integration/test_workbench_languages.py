@@ -18,6 +18,7 @@ from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
 from abbe.compcore.planning.undetermined import titles
 from abbe.daemon.application import app
+from abbe.daemon.report.language import language
 from abbe.drivers.controllers import controller_kinds, make_controller
 from abbe.drivers.transducers.base import TransducerFault
 from tests.support.compcore.catalogue import ROWS
@@ -106,6 +107,10 @@ FAULTS_SEEN = (
 )  # fmt: skip
 """Rooms whose faults a page shows without having asked: a configuration changed, a sensor torn."""
 _FAULTS = {"InputError", "ValueError", "LinkConfigError", "error"}
+_OF_LINKS = {"LinkError", "LinkTimeoutError", "LinkDownError", "LinkProtocolError", "FieldError",
+             "SubscriptionLostError", "RefusedError", "ControlRefusesError", "AbortCodeError",
+             "GoneError", "TooLateError", "WriteNotVerifiedError"}  # fmt: skip
+"""What goes wrong with a link while it is used."""
 
 
 def with_places(node: ast.AST) -> str:
@@ -134,12 +139,12 @@ def shown_faults() -> set[str]:
     """What those rooms say is wrong and what they expect, as a person may read it."""
     found = set()
     root = STATIC.parents[2]
-    for room in FAULTS_SEEN:
+    for room, kinds in (*((r, _FAULTS) for r in FAULTS_SEEN), ("drivers", _OF_LINKS)):
         for path in [root / room] if room.endswith(".py") else sorted((root / room).rglob("*.py")):
             for node in ast.walk(ast.parse(path.read_text("utf-8"))):
                 if not isinstance(node, ast.Call):
                     continue
-                if getattr(node.func, "id", getattr(node.func, "attr", "")) not in _FAULTS:
+                if getattr(node.func, "id", getattr(node.func, "attr", "")) not in kinds:
                     continue
                 if getattr(getattr(node.func, "value", None), "id", "") == "logger":
                     continue
@@ -157,6 +162,14 @@ def test_a_language_has_the_faults_that_a_page_shows(path: Path) -> None:
     said = {text for text in shown_faults() if not text.startswith(typed)} | sensor_faults()
     assert len(said) > 100
     assert sorted(text for text in said if not any(p.fullmatch(text) for p in patterns)) == []
+
+
+@pytest.mark.parametrize("path", LANGUAGES, ids=lambda path: path.stem)
+def test_what_stands_within_a_fault_is_translated_too(path: Path) -> None:
+    """The first colon ends a name, whatever follows has colons, too."""
+    said = language(path.stem).say("signal T_x1: broken wire: 429.5 MΩ, above 1 MΩ")
+    assert "broken" not in said
+    assert "above" not in said
 
 
 @pytest.mark.parametrize("path", LANGUAGES, ids=lambda path: path.stem)

@@ -165,8 +165,11 @@ class Workbench:
             tell("reading")
             try:
                 laid = lay(self._view.current.model, files, others)
-            except (AbbeError, MemoryError):
+            except (AbbeError, MemoryError) as error:
                 self.shelf.refused([*files, *others])
+                if isinstance(error, InputError) and error.file:
+                    # where the server keeps it says nothing to who dropped it
+                    error.file = Path(error.file).name
                 raise
             self.shelf.proven([*files, *others])
             with self._tasks.lock:

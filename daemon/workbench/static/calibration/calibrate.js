@@ -10,6 +10,19 @@ const MARKS = {done: "✓", next: "▶", running: "●", waits: "·"};
 const WORDS = {done: t("done"), next: t("next"), running: t("under way"), waits: t("waits")};
 const CHOICES = {yes: t("Yes"), no: t("No"), stands: t("It stands"), "leave out": t("Leave this set-up out")};
 
+/** What a step does, for who does it for the first time. */
+const DOES = {
+  start: t("A copy of the model in this folder; one without effects gets those that machines of its structure usually have. First state below the steps how much time there is, which tools, which control."),
+  plan: t("Works out which set-ups show most in the time that there is. Afterwards each stands below as a drawing."),
+  program: t("Writes the program with which the control drives to all targets."),
+  fit: t("Fits the model to what was measured."),
+  diagnose: t("Looks for causes that the model lacks. Each that is established is asked for before it is added."),
+  table: t("Works out the tables that the control will hold. Nothing is written to it."),
+  "check-plan": t("Chooses lines that were not fitted: only they show whether the model holds."),
+  verify: t("Compares these lines with what the model foretold, before and after correction, and writes the certificate."),
+  live: t("Writes the configuration with which abbe run corrects the machine."),
+};
+DOES["check-program"] = DOES.program;
 const PLANS = {measure: "plan", check: "check"}; // step -> the plan that it follows
 
 export class Calibration {
@@ -127,10 +140,10 @@ export class Calibration {
       this.by = by.value;
       this.#ask("start", {step: step.name, by: by.value, language: document.documentElement.lang}, token);
     };
-    return [el("h2", {}, label(step.title)), el("form", {onsubmit: go}, byRow, step.role ? secretRow : null,
+    return [el("h2", {}, label(step.title)), DOES[step.name] ? el("p", {}, DOES[step.name]) : null, el("form", {onsubmit: go}, byRow, step.role ? secretRow : null,
       step.role ? el("p", {class: "note"}, t("The machine is driven by its own program or by hand: Abbe follows it, reads the instrument at each target, and writes nothing to the controller.")) : null,
       step.role && !found.roles ? el("p", {class: "note"}, t("There is no token yet: it takes [http] in the configuration, and abbe token add CONFIG NAME --role operate.")) : null,
-      el("p", {}, el("button", {class: "main", id: "go"}, t("Do this step"))))];
+      el("p", {}, el("button", {class: "main", id: "go"}, t("Do this step"))))].filter(Boolean);
   }
 
   /** The tables that were made, looked at and then written as on the page of the tables. */
@@ -207,7 +220,7 @@ export class Calibration {
     };
     const open = this.asked.querySelector("details")?.open ?? false;
     keepingTyped(this.asked, () => this.asked.replaceChildren(el("details", {open}, el("summary", {}, t("What is asked for")),
-      el("form", {onsubmit: go}, ...fields, el("p", {}, el("button", {class: "small", id: "ask", disabled: this.running}, t("Use this")))))));
+      el("form", {onsubmit: go, "data-said": true}, ...fields, el("p", {}, el("button", {class: "small", id: "ask", disabled: this.running}, t("Use this")))))));
   }
 
   #setups(plans) {

@@ -51,7 +51,9 @@ export class Live {
     });
     take("run", (found) => this.#run(found));
     take("cycle", (found) => this.#cycle(found));
-    take("lost", (found) => this.#lose(t("The machine is not seen since {since}: {why}. It is asked again every second.", {since: when(Date.parse(found.since) / 1000), why: label(found.why)})));
+    take("lost", (found) => this.#lose([
+      t("The machine is not seen since {since}: {why}. It is asked again every second.", {since: when(Date.parse(found.since) / 1000), why: label(found.why)}),
+      this.found ? "" : t("A correction is started at a terminal: abbe run CONFIG.toml. It then stands here by itself.")].filter(Boolean).join(" ")));
     source.onerror = () => {
       const since = this.heard ? when(this.heard / 1000) : t("the beginning");
       const outside = source.readyState === EventSource.CLOSED;

@@ -11,7 +11,8 @@ export function noCampaign(act, trouble) {
   const panel = campaignsPanel(act, trouble);
   panel.open = true;
   return [el("section", {class: "verdict"}, el("h1", {}, t("Nothing has been measured here yet")),
-    el("p", {}, t("Drop a campaign on this page, or choose one: the model is laid beside it, and the verdict comes first."))), panel];
+    el("p", {}, t("Drop a campaign on this page, or choose one: the model is laid beside it, and the verdict comes first.")),
+    el("p", {class: "note"}, t("What an instrument's own software wrote becomes a campaign by  {command}", {command: "abbe import-campaign FILE --as … -o campaign.csv"}))), panel];
 }
 
 /** A folded list of all campaigns, with a place to drop others. */

@@ -24,9 +24,9 @@ export function watchView(found, state, act, next, trouble) {
     el("section", {class: "verdict"}, el("h1", {}, say(found.title)),
       ...found.said.map((text) => el("p", {class: text.startsWith("WARNING") ? "warning" : null}, say(text))),
       ...found.warnings.map((text) => el("p", {class: "note"}, say(text))),
-      el("p", {}, el("button", {class: "main", id: "more", onclick: next},
-        t("Is anything else missing? Look for causes")))),
-    el("section", {},
+      el("p", {}, state.empty ? t("Nothing has been measured here yet: drop a campaign on this page, or choose one under Compare.")
+        : el("button", {class: "main", id: "more", onclick: next}, t("Is anything else missing? Look for causes")))),
+    !plots.length ? null : el("section", {},
       el("p", {}, t("Blue: the version was fitted to this campaign. Yellow: it has never seen it; only that fall shows that a version predicts the machine. Dashed: how well the campaign repeats itself; no model gets lastingly below.")),
       el("div", {class: "panels"}, ...plots)),
     el("section", {}, versions,
@@ -38,5 +38,5 @@ export function watchView(found, state, act, next, trouble) {
         : t("No folder for versions was stated (--versions FOLDER): nothing is written."))),
     ...(state.empty || found.versions.length < 2 ? [] : [besideSection(found.versions, state.stands_on, trouble)]),
     journalSection(found, act),
-  ];
+  ].filter(Boolean);
 }

@@ -63,6 +63,12 @@ function copyOf(view, pictures) {
       alt: node.getAttribute("aria-label") ?? node.closest("figure, section")?.querySelector("figcaption, h2, h3")?.textContent ?? ""})]);
   });
   for (const [place, image] of changes) place.replaceWith(image);
+  // what was typed and counts is kept as text: a copy of a field has nothing in it
+  from.forEach((node, k) => {
+    if (!node.matches("[data-said]")) return;
+    to[k].replaceWith(el("ul", {}, ...[...node.querySelectorAll(".field")].map((row) =>
+      el("li", {}, `${row.querySelector("label").textContent}: ${row.querySelector("input").value || "–"}`))));
+  });
   for (const folded of copy.querySelectorAll("details:not([open])")) folded.remove();
   for (const control of copy.querySelectorAll(CONTROLS)) control.remove();
   for (const canvas of copy.querySelectorAll("canvas")) canvas.remove();

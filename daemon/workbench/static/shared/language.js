@@ -20,7 +20,7 @@ const labels = words._labels ?? {};
 const fixed = (text) => text.replace(/\{\w+\}/g, "").length;
 // what says the most comes first: '{a}: {b}' would fit nearly everything
 const patterns = Object.entries(labels).filter(([text]) => text.includes("{")).sort(([a], [b]) => fixed(b) - fixed(a)).map(([text, own]) =>
-  [new RegExp(`^${text.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>.+)")}$`), own]);
+  [new RegExp(`^${text.replace(/[.*+?^$()|[\]\\]/g, "\\$&").replace(/\{(\w+)\}/g, "(?<$1>.+?)")}$`), own]);
 
 /** A heading, name or line that the server gave, in the present language, also within it; what is not known stays. */
 export function label(text) {
