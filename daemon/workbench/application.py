@@ -181,7 +181,7 @@ def _change(app: FastAPI, bench: Workbench) -> None:
     @app.post("/api/read-again")
     def read_again(wanted: AskedByPerson, request: Request) -> dict[str, Any]:
         """Read model and campaigns as they lie on the disk now."""
-        bench.read_again(who_asks(wanted.by, request))
+        bench.campaigns.read_again(who_asks(wanted.by, request))
         return bench.state()
 
     @app.post("/api/back")

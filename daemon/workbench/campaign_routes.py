@@ -34,7 +34,7 @@ def campaign_routes(bench: Workbench) -> APIRouter:
     @router.get(SENT)
     def listed() -> dict[str, Any]:
         """Which there are."""
-        return bench.campaigns() | {"largest": LARGEST}
+        return bench.campaigns.listed() | {"largest": LARGEST}
 
     @router.post(SENT)
     async def sent(
@@ -48,13 +48,13 @@ def campaign_routes(bench: Workbench) -> APIRouter:
         if sending.locked():
             raise HTTPException(409, "another file is being sent: one after the other")
         async with sending:
-            path = await received(request.stream(), bench.shelf.folder, known)
-        return {"id": bench.took(path, who_asks(by, request)), "name": path.name}
+            path = await received(request.stream(), bench.campaigns.shelf.folder, known)
+        return {"id": bench.campaigns.took(path, who_asks(by, request)), "name": path.name}
 
     @router.post(f"{SENT}/use")
     def use(chosen: ChosenCampaigns, request: Request) -> dict[str, Any]:
         """Lay the model beside some."""
-        bench.use(chosen.fitted, chosen.held, who_asks(chosen.by, request))
+        bench.campaigns.use(chosen.fitted, chosen.held, who_asks(chosen.by, request))
         return bench.state()
 
     return router

@@ -6,14 +6,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.sentences import sentences_in
 from abbe.daemon.answers.model import expected_times as expected
-from abbe.daemon.report.head import file_on_page
 from abbe.daemon.workbench.campaigns.laid import lay
 from abbe.daemon.workbench.campaigns.shelf import CampaignShelf
 from abbe.daemon.workbench.session.findings import ADVICE, VersionFindings
 from abbe.daemon.workbench.session.head import session_head
+from abbe.daemon.workbench.session.laying import LayingCampaigns, names_of
 from abbe.daemon.workbench.session.making import Making, adding, fitting
 from abbe.daemon.workbench.session.origin import FromStore
 from abbe.daemon.workbench.session.task import Tell
@@ -67,10 +66,11 @@ class Workbench:
         self._folder = VersionFolder(versions, model)
         self.journal = WorkbenchJournal(self._folder.folder)
         kept = None if versions is None else versions / "campaigns"
-        self.shelf = CampaignShelf([*campaigns, *holdout], kept, near)
+        shelf = CampaignShelf([*campaigns, *holdout], kept, near)
         self._view = SessionView([first, *self._folder.earlier(given)], laid)
         self._side_by_side = SideBySide()
         self._tasks = SessionTasks(ADVICE)
+        self.campaigns = LayingCampaigns(shelf, self._view, self._tasks, self.journal, self._show)
         if at_once and campaigns:
             self.compare()
 
@@ -121,68 +121,6 @@ class Workbench:
         with self._tasks.lock:
             if self.findings.compared is None and self._tasks.idle:
                 self.compare()
-
-    def campaigns(self) -> dict[str, Any]:
-        """Which campaigns there are, and whether what is sent lasts."""
-        return {
-            "campaigns": self.shelf.listed(self._view.laid.fitted, self._view.laid.held),
-            "lasting": self.shelf.lasting,
-        }
-
-    def took(self, path: Path, who: str) -> str:
-        """A campaign was sent and stands in the shelf's folder; what stands for it.
-
-        Raises
-        ------
-        InputError
-            Where that cannot be written down.
-        """
-        known = self.shelf.took(path)
-        self.journal.keep(who, "sent", file=path.name, sha256=file_on_page("", path).sha256)
-        return known
-
-    def use(self, fitted: Sequence[str], held: Sequence[str], who: str) -> None:
-        """Lay the present version beside other campaigns of the shelf.
-
-        Parameters
-        ----------
-        fitted, held
-            What stands for them.
-        who
-            For the journal.
-
-        Raises
-        ------
-        InputError
-            For a campaign that is not there, or none, and while something is under way.
-        """
-        files, others = self.shelf.of(fitted), self.shelf.of(held)
-        if not files:
-            raise InputError("no campaign is chosen", field="campaigns", expected="one or more")
-        self.journal.require()
-
-        def work(tell: Tell) -> None:
-            tell("reading")
-            try:
-                laid = lay(self._view.current.model, files, others)
-            except (AbbeError, MemoryError) as error:
-                self.shelf.refused([*files, *others])
-                if isinstance(error, InputError) and error.file:
-                    # where the server keeps it says nothing to who dropped it
-                    error.file = Path(error.file).name
-                raise
-            self.shelf.proven([*files, *others])
-            with self._tasks.lock:
-                self._view.laid = laid
-                self._show(self._view.current, laid.notes)
-            self.journal.keep(
-                who, "campaigns", fitted=_named(files), held=_named(others),
-                version=self._view.current.path.name,
-            )  # fmt: skip
-            self.findings.compare(tell)
-
-        stages = expected.comparing(files)
-        self._tasks.start("compare", [("reading", 1.0), *stages[1:]], work)
 
     def note(self, text: str, number: int, who: str) -> None:
         """Keep what a person notes of a version.
@@ -247,38 +185,6 @@ class Workbench:
             )
             self._make(f"add {spec}", made, who)
 
-    def read_again(self, who: str = "") -> None:
-        """Read the present version and its campaigns as they lie on the disk now.
-
-        Raises
-        ------
-        InputError
-            Where that cannot be written down, and while something is under way.
-        """
-        self.journal.require()
-        before = self._view.current
-
-        def work(tell: Tell) -> None:
-            tell("reading")
-            version = ModelVersion.read(before.path, given=before.given)
-            if version.model.machine != before.model.machine:
-                raise InputError(
-                    "is of another machine now: end the workbench, and open it anew",
-                    file=before.path,
-                )
-            laid = lay(version.model, self._view.laid.fitted, self._view.laid.held)
-            with self._tasks.lock:
-                self._view.versions[self._view.versions.index(before)] = version
-                self._view.laid = laid
-                self._show(version, laid.notes)
-            self.journal.keep(who, "read again", version=version.path.name,
-                              sha256=version.seen.sha256, fitted=_named(laid.fitted))  # fmt: skip
-            if not self.empty:
-                self.findings.compare(tell)
-
-        stages = expected.comparing(self._view.laid.fitted)
-        self._tasks.start("compare", [("reading", 1.0), *stages[1:]], work)
-
     def go_back(self, number: int, who: str = "") -> None:
         """Look at another version; no file changes but the journal.
 
@@ -308,7 +214,7 @@ class Workbench:
         """End what is under way; give a file's name back that was taken for it."""
         self._tasks.stop()
         self._folder.release()
-        self.shelf.close()
+        self.campaigns.shelf.close()
 
     def _show(self, version: ModelVersion, said: Sequence[str]) -> None:
         """Look at a version, and tell all windows."""
@@ -332,7 +238,7 @@ class Workbench:
             sha256 = version.seen.sha256
             self.journal.keep(
                 who, "made", how=what, version=out.name, sha256=sha256,
-                before=current.path.name, fitted=_named(fitted), held=_named(held),
+                before=current.path.name, fitted=names_of(fitted), held=names_of(held),
             )  # fmt: skip
             with self._tasks.lock:
                 self._view.versions.append(version)
@@ -344,7 +250,3 @@ class Workbench:
 
     def _learn(self, tell: Tell) -> None:
         self.findings.learn(tell, self._tasks.changed)
-
-
-def _named(files: Sequence[Path]) -> list[str]:
-    return [path.name for path in files]
