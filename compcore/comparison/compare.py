@@ -46,7 +46,7 @@ from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.days import of_another_day
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
-from abbe.compcore.sentences import joined, said
+from abbe.compcore.sentences import counted, joined, said
 from abbe.compcore.units import in_digits
 
 if TYPE_CHECKING:
@@ -351,8 +351,11 @@ def _compared(
             problem = problem.with_sd(uncertainty.sd)
     if campaign.n - float(absorbed.sum()) <= _NOTHING_LEFT:
         raise FitError(
-            f"{campaign.n} rows are as many as the placings of the instruments leave unknown: "
-            "nothing is left over that a model could be compared with; measure more"
+            said(
+                "the placings of the instruments take up all that was measured ({rows}): nothing "
+                "is left over that a model could be compared with; measure more",
+                rows=counted(campaign.n, "1 row", "{n} rows"),
+            )
         )
     eliminator = problem.eliminator(theta)
     weighted = eliminator.project(misfit * problem.weight)

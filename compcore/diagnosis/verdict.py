@@ -49,6 +49,7 @@ from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
+from abbe.compcore.sentences import counted, said
 from abbe.compcore.units import in_digits
 
 F64 = NDArray[np.float64]
@@ -197,8 +198,11 @@ def _looked_at(whole: FitResult, given: Model | None, progress: Progress) -> Dia
     result = whole.thin
     if result.dof < 1:
         raise FitError(
-            f"{result.problem.n} rows are as many as the model has unknowns: nothing is left over "
-            "that could be diagnosed; measure more"
+            said(
+                "the model's unknowns take up all that was measured ({rows}): nothing is left over "
+                "that could be diagnosed; measure more",
+                rows=counted(result.problem.n, "1 row", "{n} rows"),
+            )
         )
     with threads_for(result.problem.n * result.problem.layout.size):
         return _diagnosed(given, whole, result, progress)

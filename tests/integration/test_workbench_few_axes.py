@@ -101,3 +101,19 @@ def test_live_with_one_line_and_a_table(browser: Browser, tmp_path: Path) -> Non
         # before there was a run
         seen.errors[:] = [e for e in seen.errors if "409" not in e]
         assert_quiet(seen, bench)
+
+
+def test_one_row_is_no_verdict(browser: Browser, tmp_path: Path) -> None:
+    """Why is said in the person's language, and what to do: another campaign, or more of it."""
+    model, fitted, _ = write_machine("lathe", tmp_path)
+    lines = fitted.read_text("utf-8").splitlines()
+    head = next(k for k, line in enumerate(lines) if not line.startswith("#"))
+    fitted.write_text("\n".join(lines[: head + 2]) + "\n", encoding="utf-8")
+    with opened(model, fitted) as bench:
+        seen = visit(browser, bench, until="#trouble:visible", locale="de-DE")
+        page = seen.page
+        expect(page.locator("#trouble")).to_contain_text("nimmt alles Gemessene auf (1 Zeile)")
+        expect(page.locator("h1")).to_have_text("Dazu lässt sich noch nichts sagen")
+        expect(page.locator("#campaigns select")).to_have_count(2)
+        looked_at(page)
+        assert_quiet(seen, bench)

@@ -3,7 +3,7 @@ import {label, line, offerLanguages, t, translatePage} from "./shared/language.j
 import {el, keepingTyped, moment, replace, write} from "./shared/dom.js";
 import {back, get, Lost, Outside, post, Refusal, why} from "./shared/server.js";
 import {Calibration} from "./calibration/calibrate.js";
-import {campaignsPanel, noCampaign, sendAll} from "./model/campaigns.js";
+import {campaignsPanel, noCampaign, noVerdict, sendAll} from "./model/campaigns.js";
 import {compareView} from "./model/compare.js";
 import {adviceView, learnView} from "./model/learn.js";
 import {Live} from "./live/live.js";
@@ -73,7 +73,7 @@ async function refresh() {
     if (tab !== "watch" && !state?.task && !state?.error) await ask(`/api/${tab}`);
     // a server that was started anew finds it once more: what is shown of the same files stays
     if (view.dataset.tab === tab && view.dataset.about === about) return;
-    parts = [el("p", {class: "waiting"}, state?.error ? t("Not known.") : t("Being worked out …"))];
+    parts = state?.error ? noVerdict(act, trouble) : [el("p", {class: "waiting"}, t("Being worked out …"))];
   } else if (tab === "compare") {
     const key = JSON.stringify([about, found.title, found.verdict, found.key]);
     // what is chosen and opened in it stays

@@ -48,7 +48,7 @@ function shown(found) {
     ...found.only.map((specs, k) => (specs.length
       ? el("p", {}, t("Only in {version}: ", {version: found.sides[k].name}), el("code", {}, specs.join("; "))) : null)).filter(Boolean),
     el("p", {class: "legend"}, el("span", {}, el("b", {class: "before"}, "■"),
-      t(" grey: left by {left}; in colour: by {right}", {left: left.name, right: right.name}))), legend(),
+      t(" grey: left by {left}; in colour: by {right}", {left: left.name, right: right.name}))), legend("third"),
     el("div", {class: "panels"}, ...found.panels.map((panel) => new Scatter(panel, linked, reach[panel.part]).node)),
     found.causes.length ? el("details", {}, el("summary", {}, t("{n} values in which the two differ", {n: found.causes.length})),
       table("", found.columns, found.causes.map((row) => row.map((text) => text || "–"))))

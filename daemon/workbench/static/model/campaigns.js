@@ -15,6 +15,14 @@ export function noCampaign(act, trouble) {
     el("p", {class: "note"}, t("What an instrument's own software wrote becomes a campaign by  {command}", {command: "abbe import-campaign FILE --as … -o campaign.csv"}))), panel];
 }
 
+/** What stands in place of a comparison that could not be made. */
+export function noVerdict(act, trouble) {
+  const panel = campaignsPanel(act, trouble);
+  panel.open = true;
+  return [el("section", {class: "verdict"}, el("h1", {}, t("Nothing can be said of this yet")),
+    el("p", {}, t("Why stands above. Choose or drop another campaign, or measure more."))), panel];
+}
+
 /** A folded list of all campaigns, with a place to drop others. */
 export function campaignsPanel(act, trouble) {
   const listed = el("div", {});

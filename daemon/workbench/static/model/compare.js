@@ -8,13 +8,14 @@ import {Volume} from "../residuals/volume.js";
 const NAMES = [t("Lengths"), t("Rotations")];
 const FIRST = 6; // pictures along axes that are drawn at once
 
-export function legend() {
+/** What the marks mean; `still`: how one is drawn of an axis that stood still. */
+export function legend(still = "still") {
   const mark = (sign, side, words) => el("span", {},
     el("b", {class: side}, sign), ` ${words}`);
   return el("p", {class: "legend"},
     mark("▲", "minus", t("the axis came from the minus side, moving towards plus")),
     mark("▼", "plus", t("from the plus side, moving towards minus")),
-    mark("●", "still", t("it stood still, or this is not known")),
+    mark("●", still, t("it stood still, or this is not known")),
     el("span", {}, t("Thick lines: means, where they say more than chance.")), " ",
     el("span", {class: "how"}, t("Drag over points: they show in all pictures.")));
 }

@@ -75,7 +75,7 @@ export async function tryOut(place, spec, found, state, act) {
       t(" grey: left by the model as it is; in colour: with this cause"))),
     el("div", {class: "panels"},
       ...own.map((panel) => new Scatter(panel, linked, reach[panel.part]).node)),
-    el("details", {}, el("summary", {}, t("What the marks mean")), legend()));
+    el("details", {}, el("summary", {}, t("What the marks mean")), legend("third")));
   show(answer);
   place.dataset.ready = "1";
 }
