@@ -50,7 +50,7 @@ function shown(found) {
     el("p", {class: "legend"}, el("span", {}, el("b", {class: "before"}, "■"),
       t(" grey: left by {left}; in colour: by {right}", {left: left.name, right: right.name}))), legend("third"),
     el("div", {class: "panels"}, ...found.panels.map((panel) => new Scatter(panel, linked, reach[panel.part]).node)),
-    found.causes.length ? el("details", {}, el("summary", {}, t("{n} values in which the two differ", {n: found.causes.length})),
+    found.causes.length ? el("details", {}, el("summary", {}, found.causes.length === 1 ? t("One value in which the two differ") : t("{n} values in which the two differ", {n: found.causes.length})),
       table("", found.columns, found.causes.map((row) => row.map((text) => text || "–"))))
       : el("p", {}, t("The two have the same values.")),
     el("div", {class: "beside"}, ...found.groups.map((group) => el("details", {}, el("summary", {}, `${group.unit === "µm" ? t("Lengths") : t("Rotations")}: ${label(group.title)}`),
