@@ -15,7 +15,7 @@ export function learnView(found, state, act) {
     onclick: () => { open(spec); trial.scrollIntoView({block: "nearest"}); }}, t("Try it"));
   const view = [el("section", {class: "verdict"},
     el("h1", {class: found.verdict === "complete" ? "good" : "bad"}, say(found.title)),
-    ...found.said.map((text) => el("p", {}, say(text))),
+    ...found.said.map((text) => el("p", {class: text.startsWith("SUSPICIOUS") ? "warning" : null}, say(text))),
     state.writes ? null : state.take_out ? el("p", {class: "warning"},
       t("Nothing is added in the plant's store. Take the files out, and open them there: "), el("code", {}, state.take_out))
     : el("p", {class: "warning"}, t("Nothing can be added: no folder for versions was stated. Start again with  abbe open … --versions FOLDER")))];
