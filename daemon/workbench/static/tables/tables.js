@@ -78,7 +78,7 @@ export class Tables {
       el("section", {}, el("h2", {}, t("At the controller")),
         el("ol", {}, ...tables.activation.map((text) => el("li", {}, label(text))))),
       el("section", {}, el("h2", {}, t("Record (ISO/TR 16907, 9.1)")),
-        table("", ["", ""], tables.facts.map(([name, text]) => [label(name), moment(text)])), table("", ["", t("File"), "SHA-256"], tables.files.map(([part, ...rest]) => [label(part), ...rest]))),
+        table("", ["", ""], tables.facts.map(([name, text]) => [label(name), name === "At" ? text.split("; ").map(label).join("; ") : moment(text)])), table("", ["", t("File"), "SHA-256"], tables.files.map(([part, ...rest]) => [label(part), ...rest]))),
     ];
   }
 }
