@@ -9,7 +9,6 @@ from pathlib import Path
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.files.campaign_file import read_campaigns, require_signals
 from abbe.compcore.files.model_file import load_model
-from abbe.compcore.fitting.design.superposition import uncompensated
 from abbe.compcore.model.model import Model
 from abbe.daemon.answers.measured_under import bare
 
@@ -32,9 +31,7 @@ def load(
     require_signals(campaign, loaded)
     if active is None:
         return loaded, bare(campaign)
-    compensated = load_model(active)
-    require_signals(campaign, compensated)
-    return loaded, uncompensated(campaign, compensated)
+    return loaded, bare(campaign, load_model(active))
 
 
 def now() -> str:

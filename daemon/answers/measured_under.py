@@ -7,7 +7,7 @@ remember it when the campaign is fitted a year later.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -19,10 +19,19 @@ from abbe.compcore.files.campaign_file import require_signals
 from abbe.compcore.files.growing_campaign import BEGUN
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.fitting.design.superposition import uncompensated
+from abbe.compcore.model.model import Model
+
+TURNS = "active_turns"
+"""Key of the head: the rotary axes whose own angle the compensation corrected."""
 
 
-def bare(campaign: Campaign) -> Campaign:
+def bare(campaign: Campaign, active: Model | None = None) -> Campaign:
     """A campaign as the machine without the compensation that its files name would have shown it.
+
+    Parameters
+    ----------
+    active
+        The model that was compensated, in place of those that the files name.
 
     Raises
     ------
@@ -33,15 +42,21 @@ def bare(campaign: Campaign) -> Campaign:
     run = campaign.conditions.run
     for i, (path, metadata) in enumerate(zip(files, campaign.metadata, strict=False)):
         named = _active(metadata)
-        if named is None:
+        if active is None and named is None:
             continue
-        model = load_model(_found(Path(path), *named))
+        model = load_model(_found(Path(path), *named)) if active is None else active
         require_signals(campaign, model)
-        put_back = uncompensated(campaign, model).value
+        put_back = uncompensated(campaign, model, _turned(metadata)).value
         first = 0 if run is None else int(run.min())
         mine = np.ones(campaign.n, dtype=np.bool_) if run is None else run == first + i
         campaign = replace(campaign, value=np.where(mine, put_back, campaign.value))
     return campaign
+
+
+def _turned(metadata: Mapping[str, object]) -> Sequence[str]:
+    found = metadata.get(BEGUN)
+    said = found.get(TURNS) if isinstance(found, Mapping) else None
+    return said.split(", ") if isinstance(said, str) and said else ()
 
 
 def _active(metadata: Mapping[str, object]) -> tuple[str, str] | None:

@@ -5,10 +5,12 @@ from __future__ import annotations
 import asyncio
 import hashlib
 import os
+from collections.abc import Sequence
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
 from abbe.compcore.files.model_file import load_model
+from abbe.daemon.answers.measured_under import TURNS
 from abbe.daemon.config import Configuration
 from abbe.daemon.control.runs import found_runs, same_file
 from abbe.daemon.ownership.claims import held_by_run
@@ -69,7 +71,40 @@ def _acting(configuration: Configuration, path: Path, out: Path) -> dict[str, st
             expected=str(structure),
         )
     named = os.path.relpath(path.resolve(), out.resolve().parent)
-    return {"active": named, "active_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    said = {"active": named, "active_sha256": hashlib.sha256(path.read_bytes()).hexdigest()}
+    turned = _turned(configuration)
+    return said | ({TURNS: ", ".join(turned)} if turned else {})
+
+
+def _turned(configuration: Configuration) -> Sequence[str]:
+    """Rotary axes whose own angle the compensation corrects.
+
+    Raises
+    ------
+    InputError
+        For an axis that is none.
+    """
+    machine = configuration.model.machine
+    stated = configuration.file.measure.active_turns
+    if stated is not None:
+        for axis in stated:
+            if axis not in machine.structure.rotary:
+                raise InputError(
+                    "no such rotary axis",
+                    file=configuration.path,
+                    field="measure.active_turns",
+                    found=axis,
+                    expected="one of " + (", ".join(machine.structure.rotary) or "none"),
+                )
+        return stated
+    if configuration.upload is None:
+        return configuration.limits.turning
+    holds = configuration.upload.make_controller(machine).capability.holds
+    return [
+        axis
+        for axis in machine.structure.rotary
+        if any(h.form == "axis" and h.serves(axis, axis) for h in holds)
+    ]
 
 
 def live_correction(configuration: Configuration) -> str:

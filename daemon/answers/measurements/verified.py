@@ -13,7 +13,6 @@ from abbe.compcore.files.campaign_file import read_campaigns, require_signals
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import read_plan
 from abbe.compcore.files.table_set import TableSet, sha256
-from abbe.compcore.fitting.design.superposition import uncompensated
 from abbe.compcore.model.model import Model
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.sentences import said
@@ -117,9 +116,7 @@ def verified(
     tables = None if files.tables is None else TableSet.load(files.tables)
     bare = None
     if files.active is not None:
-        active = load_model(files.active)
-        require_signals(campaign, active)
-        bare = uncompensated(campaign, active)
+        bare = measured_under.bare(campaign, load_model(files.active))
     elif before is None:
         # abbe measure writes what was active into the head
         put_back = measured_under.bare(campaign)

@@ -105,6 +105,8 @@ class MeasureSection(Section):
     """s for which the last value of a signal counts that is not read any more."""
     active: str | None = None
     """The compensation that acts meanwhile, as the model file that it was made from; ``none``."""
+    active_turns: list[str] | None = None
+    """Rotary axes whose own angle it corrects; none: those for which the controller has tables."""
     conditions: dict[str, Annotated[str, Field(max_length=1000)]] = Field(default_factory=dict)
     """What ISO/TR 16907, 9.1, asks to be written down: operator, serial, environment, …"""
 
