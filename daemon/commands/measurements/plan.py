@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from abbe.compcore.model.model import Model
     from abbe.compcore.planning.plan import SurveyPlan
     from abbe.compcore.planning.targets import SurveyTask
+    from abbe.daemon.report.language import PageLanguage
 
 
 def register(app: typer.Typer) -> None:
@@ -126,7 +127,7 @@ def plan(
             waves[axis] = radians(length) if rotary else length
         loaded = load_model(model)
         if instruments is None and preset is None:
-            _list(loaded, model, waves, held, out, report, say, as_json=as_json)
+            _list(loaded, model, waves, held, out, report, say, spoken, as_json=as_json)
             return
         grown, places = with_effects(_determined(loaded), apart or [])
         # an instrument that writes a file would take the nudge for a target
@@ -144,7 +145,7 @@ def plan(
         if report is not None:
             from abbe.daemon.report.measurements.survey import page
 
-            page(made, model).write(report)
+            page(made, model, spoken).write(report)
         if as_json:
             say(json.dumps(answer.as_json(made), ensure_ascii=False))
             return
@@ -185,7 +186,7 @@ def _planned(
 
 def _list(
     loaded: Model, path: Path, waves: dict[str, float], held: float, out: Path | None,
-    report: Path | None, say: Callable[[str], None], *, as_json: bool,
+    report: Path | None, say: Callable[[str], None], spoken: PageLanguage, *, as_json: bool,
 ) -> None:  # fmt: skip
     """The direct measurements of the machine, whatever instruments there are."""
     from abbe.compcore.campaign.plan import measurement_plan
@@ -203,7 +204,7 @@ def _list(
     if report is not None:
         from abbe.daemon.report.measurements.plan import page
 
-        page(machine, made, path).write(report)
+        page(machine, made, path, spoken).write(report)
     if as_json:
         say(json.dumps(answer.as_json(machine, made), ensure_ascii=False))
         return

@@ -19,6 +19,7 @@ from abbe.compcore.planning.plan import PlanStep, SurveyPlan
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.setups.presets import PRESETS
 from abbe.compcore.planning.targets import SurveyTask
+from abbe.compcore.sentences import as_it_stands, said
 from abbe.daemon.answers.measurements.plan import AFTER, BEFORE
 from abbe.daemon.answers.measurements.survey import (
     MEANING,
@@ -27,67 +28,83 @@ from abbe.daemon.answers.measurements.survey import (
     unmoved_words,
 )
 from abbe.daemon.report.head import PageHead, facts_before, file_on_page
+from abbe.daemon.report.language import PageLanguage
 from abbe.daemon.report.page import Page, number, typeset
 
 F64 = NDArray[np.float64]
 
 _MOST_PICTURES = 40
-_REACH = "reach of the tip"
+_REACH = said("reach of the tip")
 _ARC = 25
 """Places of a joint on the lines that show its reach."""
 _FEW = 3
 """Joints beside the one that moves, up to which each of them stands at its ends."""
 
 
-def page(plan: SurveyPlan, model: Path) -> Page:
-    """Lay out a plan."""
+def page(plan: SurveyPlan, model: Path, language: PageLanguage | None = None) -> Page:
+    """Lay out a plan, in English or another language."""
     task = plan.task
     machine = task.machine
     head = PageHead(facts_before(machine), [file_on_page("model", model)])
-    made = Page(f"Plan of measurements for {machine.name or 'this machine'}", head=head)
+    name = machine.name or said("this machine")
+    title = said("Plan of measurements for {machine}", machine=name)
+    made = Page(title, head=head, language=language)
     made.key_figures(
         [
-            ("measuring", f"{plan.seconds / 3600.0:.1f}", "h"),
-            ("uncertain before", number(plan.before * 1e3, 3), "µm"),
-            ("uncertain after", number(plan.after * 1e3, 3), "µm"),
+            (said("time to measure"), f"{plan.seconds / 3600.0:.1f}", "h"),
+            (said("uncertain before"), number(plan.before * 1e3, 3), "µm"),
+            (said("uncertain after"), number(plan.after * 1e3, 3), "µm"),
         ]
     )
-    made.text(f"{MEANING}.")
-    made.notes([line.strip() for line in unmoved_words(plan)])
-    warm = f"warm up {plan.warm_up / 60.0:.0f} min; after a pause of more than 10 min again"
+    made.text(said("{sentence}.", sentence=MEANING))
+    made.notes(list(unmoved_words(plan)))
+    warm = said(
+        "warm up {minutes} min; after a pause of more than 10 min again",
+        minutes=f"{plan.warm_up / 60.0:.0f}",
+    )
     made.notes([*BEFORE, warm])
-    made.notes([line.strip() for line in placeless_words(plan)], warning=True)
-    made.section("Set-ups")
+    made.notes(list(placeless_words(plan)), warning=True)
+    made.section(said("Set-ups"))
     made.table(
-        ["", "What", "With", "Targets", "Runs", "Tool", "min", "Before, µm", "After, µm", "Done"],
+        ["", said("What"), said("With"), said("Targets"), said("Runs"), said("Tool"), "min",
+         said("Before, µm"), said("After, µm"), said("Done")],
         [_row(step) for step in plan.steps],
         digits=3,
-    )
+    )  # fmt: skip
     steps = np.arange(len(plan.steps) + 1)
     left = [plan.before * 1e3, *(step.after * 1e3 for step in plan.steps)]
     made.figure(
-        figure([line(steps, left, mode="lines+markers")], "set-ups done", "left, µm",
+        figure([line(steps, left, mode="lines+markers")], said("set-ups done"), said("left, µm"),
                xaxis={"dtick": 1 + len(plan.steps) // 12}, yaxis=_decades(left)),
-        "What is uncertain over the volume after each set-up.",
+        said("What is uncertain over the volume after each set-up."),
     )  # fmt: skip
-    made.section("What stays undetermined")
-    made.notes([str(one) for one in plan.left] or ["nothing that would be felt in the volume"])
+    made.section(said("What stays undetermined"))
+    nothing = said("nothing that would be felt in the volume")
+    made.notes([str(one) for one in plan.left] or [nothing])
     if plan.presets is not None:
-        made.section("The same time spent otherwise, with the instruments that it needs")
-        rows = [["this plan", number(plan.after * 1e3, 3)]]
-        rows += [[PRESETS[key].title, number(v * 1e3, 3)] for key, v in plan.presets.items()]
-        made.table(["", "Left, µm"], rows)
+        made.section(said("The same time spent otherwise, with the instruments that it needs"))
+        rows = [[said("this plan"), number(plan.after * 1e3, 3)]]
+        rows += [
+            [as_it_stands(PRESETS[key].title), number(v * 1e3, 3)]
+            for key, v in plan.presets.items()
+        ]
+        made.table(["", said("Left, µm")], rows)
     for step in plan.steps[:_MOST_PICTURES]:
         setup = step.setup
-        made.section(f"{setup.name}: {typeset(setup.what)}")
+        made.section(said("{name}: {what}", name=setup.name, what=typeset(setup.what)))
         made.text(
-            f"{setup.instrument.title}, {setup.count} targets, {runs_words(step)}, tool "
-            f"{setup.tool} {tuple(setup.offset)}, {setup.seconds / 60.0:.0f} min; unknown: "
-            f"{', '.join(setup.free) or 'nothing'}."
-        )
+            said(
+                "{instrument}, {count} targets, {runs}, tool {tool}, {minutes} min; "
+                "unknown: {free}.",
+                instrument=as_it_stands(setup.instrument.title), count=setup.count,
+                runs=runs_words(step), tool=f"{setup.tool} {tuple(setup.offset)}",
+                minutes=f"{setup.seconds / 60.0:.0f}",
+                free=", ".join(setup.free) or said("nothing"),
+            )
+        )  # fmt: skip
         made.figure(
             picture(task, setup),
-            "Orange: what moves and its targets. Blue: where the instrument stands.",
+            said("Orange: what moves and its targets. Blue: where the instrument stands."),
         )
     made.notes([AFTER])
     return made
@@ -121,12 +138,12 @@ def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
     shared: dict[str, Any] = {"type": "scatter3d", "hoverinfo": "text"}
     traces = [_reach(task.machine, setup)]
     traces += [
-        _box(np.array(box.low), np.array(box.high), COLOURS[6], "keep out")
+        _box(np.array(box.low), np.array(box.high), COLOURS[6], said("keep out"))
         for box in task.space.keep_out
     ]
     way = _stood(task.machine, setup)
     traces.append(
-        shared | {"mode": "lines+markers", "name": "targets",
+        shared | {"mode": "lines+markers", "name": said("targets"),
                   "line": {"color": COLOURS[1], "width": 4},
                   "marker": {"size": 5, "color": COLOURS[1]},
                   "x": way[:, 0], "y": way[:, 1], "z": way[:, 2]}

@@ -58,6 +58,30 @@ def test_what_is_printed_is_in_the_language_that_is_asked_for(model, how):
     assert re.findall(r"-?\d+\.?\d*", german.out) == re.findall(r"-?\d+\.?\d*", english.out)
 
 
+@pytest.mark.parametrize("how", [(), ("--preset", "iso230-6", "--time", "40min")])
+def test_the_page_is_in_the_language_that_is_asked_for(model, tmp_path, how):
+    pages = [tmp_path / "en.html", tmp_path / "de.html"]
+    for code, page in zip(("en", "de"), pages, strict=True):
+        done = abbe("plan", model, *how, "--language", code, "--report", page)
+        assert done.status == 0, done.err
+    english, german = (_texts(page.read_text("utf-8")) for page in pages)
+    assert english_of(" ".join(english))
+    assert english_of(" ".join(german)) == []
+    alike = {text for text in english if text in german and re.search("[A-Za-z]{4}", text)}
+    assert all(
+        re.fullmatch(r"SHA-256|[0-9a-f]+|m\.toml|moving-bridge CMM|\d\d_\w+", text)
+        for text in alike
+    ), alike
+    if how:
+        assert "Reichweite der Tastkugel" in packed(pages[1].read_text("utf-8"), "figures")
+
+
+def _texts(page: str) -> list[str]:
+    """What is read on it."""
+    seen = re.sub(r"<(style|script)\b.*?</\1>|<svg.*?</svg>", "", page, flags=re.DOTALL)
+    return [text.strip() for text in re.findall(">([^<]+)<", seen) if text.strip()]
+
+
 def test_a_preset_is_planned_as_it_is(model):
     done = abbe("plan", model, "--preset", "iso230-6", "--time", "3h")
     assert done.status == 0, done.err
