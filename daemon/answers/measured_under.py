@@ -41,10 +41,12 @@ def bare(campaign: Campaign, active: Model | None = None) -> Campaign:
     files = list(campaign.files)
     run = campaign.conditions.run
     for i, (path, metadata) in enumerate(zip(files, campaign.metadata, strict=False)):
-        named = _active(metadata)
-        if active is None and named is None:
-            continue
-        model = load_model(_found(Path(path), *named)) if active is None else active
+        model = active
+        if model is None:
+            named = _active(metadata)
+            if named is None:
+                continue
+            model = load_model(_found(Path(path), *named))
         require_signals(campaign, model)
         put_back = uncompensated(campaign, model, _turned(metadata)).value
         first = 0 if run is None else int(run.min())
