@@ -180,3 +180,21 @@ def test_a_setpoint_is_shifted_against_the_error_and_a_reading_with_it():
     reads = Expectation([x], MODEL, NO_TOOL, adds_error=True)
     assert reads.at(ShownCorrection(at, shown, {"X": 1}))["X"] == pytest.approx((0.005, 0.005))
     assert not expected.comparable(ShownCorrection({"Y": 0.0}, shown))
+
+
+def test_a_table_of_a_rotary_axis_turns_it_and_moves_nothing_else():
+    """Of a control whose tables move axes; one that has all error motions reckons its levers."""
+    model = _with_axes(
+        "w C' b X Y Z t", X=(-500.0, 300.0), Y=(-100.0, 50.0), Z=(0.0, 300.0), C=(-3.0, 3.0)
+    )
+    x = table("X", "X", [-500.0, 300.0], [0.004, 0.004])
+    turned = table("C", "C", [-3.0, 0.0, 3.0], [0.0, 100e-6, 0.0], place="C")
+    at = {"X": 200.0, "Y": 0.0, "Z": 0.0, "C": 0.0}
+    shown = ShownCorrection(at, dict.fromkeys(at, 0.0))
+    moves = {k: v[0] for k, v in Expectation([x, turned], model, NO_TOOL).at(shown).items()}
+    assert moves == pytest.approx({"X": -0.004, "Y": 0.0, "Z": 0.0, "C": -100e-6})
+    own = table("X", "X", [-500.0, 300.0], [0.004, 0.004], place="X")
+    levers = {k: v[0] for k, v in Expectation([own, turned], model, NO_TOOL).at(shown).items()}
+    # 200 mm from the table's middle 0.1 mrad is 20 µm
+    assert abs(levers["Y"]) == pytest.approx(0.020, abs=1e-6)
+    assert levers["C"] == 0.0

@@ -82,7 +82,7 @@ class Expectation:
         """Whether the positions that the tables look up are all known."""
         needed = {a for t in self.tables for a in t.inputs}
         needed |= {t.lever[0] for t in self.tables if t.lever is not None}
-        if any(not t.direct for t in self.tables):
+        if not self._turns and any(not t.direct for t in self.tables):
             needed |= set(self.model.machine.axes)
         return needed <= set(effect.position)
 
@@ -106,6 +106,11 @@ class Expectation:
             if axis in found[0]
         }
 
+    @property
+    def _turns(self) -> bool:
+        """Whether a table of a rotary axis turns that axis: the controller reckons no levers."""
+        return all(t.direct or _own_turn(t) for t in self.tables)
+
     def _one(
         self, position: Mapping[str, float], direction: Mapping[str, float]
     ) -> dict[str, float]:
@@ -113,14 +118,23 @@ class Expectation:
         ways = {a: np.array([d]) for a, d in direction.items()}
         field = ErrorField(self.model, SlowState(tool=self.tool))
         sign = 1.0 if self.adds_error else -1.0
-        moved = field.removed(self.tables, where, ways)[0]
+        turns = self._turns
+        moving = [t for t in self.tables if t.direct or not turns]
+        moved = field.removed(moving, where, ways)[0]
         turned: dict[str, float] = {a: 0.0 for a in self.model.machine.axes if is_rotary(a)}
         conditions = field.conditions(where, ways)
         for table in self.tables:
-            if table.direct and table.output.rotation and table.output.component in turned:
-                turned[table.output.component] += float(table.value(conditions)[0])
+            if turns and table.output.rotation:
+                axis = table.output.component if table.direct else table.output.place
+                if axis in turned:
+                    turned[axis] += float(table.value(conditions)[0])
         moves = dict(zip("XYZ", (float(m) for m in moved), strict=True))
         return {axis: sign * value for axis, value in (moves | turned).items()}
+
+
+def _own_turn(table: Table) -> bool:
+    place = table.output.place
+    return table.output.rotation and is_rotary(place) and table.output.component == place[0]
 
 
 async def check_effect(
