@@ -225,6 +225,12 @@ SCENES: Mapping[str, Scene] = {
         _over("X"),
         "a dent in the guideway, wherever Y and Z stand",
     ),
+    "joint": Scene(
+        {"axis": "X", "error": "E_XX", "centre": 400.0},
+        {"step": 0.01},
+        Curve("X", (0.0, 700.0), "X in mm", _both("X")),
+        "the scale is of two pieces, which lie 10 µm too far apart",
+    ),
     "rotary_location": Scene(
         {"axis": "C"},
         {"E_X0C": 0.01, "E_Y0C": 0.0, "E_A0C": 0.0, "E_B0C": 8e-5, "E_C0C": 0.0},

@@ -43,6 +43,7 @@ SHOP_WORDS: Mapping[str, str] = {
     "lateral_reversal": "{axis} steps aside in {direction} when it reverses: {size}",
     "two_drives": "{axis} yaws as one drive runs ahead of the other: {size}",
     "local_defect": "{axis} has a bump in one place of its travel: {size}",
+    "joint": "{axis} steps by {size} at one place of its travel, as at a joint of its scale",
     "rotary_location": "The line of {axis} lies elsewhere, or leans: {size}",
     "rotary_positioning": "{axis} stops at other angles than it shows: {size}",
     "rotary_radial": "{axis} wanders in {direction} while it turns: {size}",

@@ -43,7 +43,7 @@ if TYPE_CHECKING:
         Squareness,
         Straightness,
     )
-    from abbe.compcore.effects.catalogue.linear.local import LocalDefect
+    from abbe.compcore.effects.catalogue.linear.local import Joint, LocalDefect
     from abbe.compcore.effects.catalogue.linear.periodic import Cyclic
     from abbe.compcore.effects.catalogue.linear.reversal import (
         Backlash,
@@ -85,6 +85,7 @@ __all__ = [
     "Formula",
     "GravityFlexure",
     "InstrumentDrift",
+    "Joint",
     "LateralReversal",
     "LengthBias",
     "LoadBending",

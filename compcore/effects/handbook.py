@@ -43,6 +43,7 @@ KEY_WORDS = {
     "master": "where the master's scale is along that, all axes at zero, mm",
     "slave": "where the slave's scale is, mm",
     "centre": "centre in mm; fitted where it is left out",
+    "over": "length in mm over which it steps",
     "width": "full width at half height in mm; fitted where it is left out",
     "product": "true: times the axis's own position",
     "deflection": "true: with the beam's own bending line",

@@ -172,9 +172,8 @@ def foretold(
     effect = found.candidate.effect
     rows = blocks.for_effects([effect])
     without, with_it = pool.left_out(beside, rows), pool.left_out(after, rows)
-    if stepping(effect, pool.machine) and any(
-        more > less for less, more in zip(without.alone, with_it.alone, strict=True)
-    ):
+    at_a_moment = effect.of_the_clock and stepping(effect, pool.machine)
+    if at_a_moment and any(m > w for w, m in zip(without.alone, with_it.alone, strict=True)):
         return 0.0
     if cut := blocks.cut_for([effect], without, with_it):
         without, with_it = pool.left_out(beside, cut), pool.left_out(after, cut)

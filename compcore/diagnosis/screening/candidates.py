@@ -38,7 +38,7 @@ RIGID = (
 PLAIN = ("scale", "squareness", "rotary_location", "spindle_location", "spindle_squareness")
 """The plain geometry that every machine has: constants of its axes."""
 
-ALONG_AN_AXIS = ("cyclic", "local_defect")
+ALONG_AN_AXIS = ("cyclic", "local_defect", "joint")
 """Causes that are a function of one linear axis's position, as an error motion of any detail is."""
 
 Cause = tuple[str, tuple[tuple[str, str], ...]]

@@ -266,7 +266,7 @@ class Pool:
             self._steps[found.key] = np.hstack(steps)
         wander, step = Wander.of(basis, self._steps[found.key]), self.found_columns(found)
         likelier = wander.likelier_with(step)
-        if likelier and self._time is not None:
+        if likelier and self._time is not None and candidate.effect.of_the_clock:
             (name, moment) = next(iter(found.screened.nonlinear.items()))
             everywhere = self.columns(found.key, {name: float(self._time.min())})
             slowly = everywhere * gradual(self._time, moment)

@@ -1,4 +1,4 @@
-"""A step against a wander: what tells an event from a drift is that it is sudden.
+"""A step against a wander: what tells an event from a drift, a joint from a curve: it is sudden.
 
 Whatever wanders (a body that nobody measures, a mount that settles) stands elsewhere later than
 before, and a step somewhere within its record halves what is left, also of blocks of time that were
@@ -16,6 +16,9 @@ A body that is heated or cooled from a moment on moves no more before and after 
 fast in between, but not at once. So the step is also weighed against the same change in a finite
 time, ``1 − e^(−(t − t₁)/τ)`` for t ≥ t₁: where that is likelier by more than what a further
 coefficient costs, nothing happened suddenly.
+
+A joint of a scale is a step along an axis. What wanders there is the axis's error motion, and the
+step must stand out from that as an event from a wander.
 """
 
 from __future__ import annotations
@@ -47,7 +50,7 @@ done at the step."""
 
 
 def stepping(effect: Effect, machine: Machine) -> bool:
-    """Whether an effect is a step at a moment that is searched for: an event."""
+    """Whether an effect is a step at a moment or a place that is searched: an event, a joint."""
     return not all(p.smooth for p in effect.nonlinear(machine))
 
 

@@ -255,6 +255,12 @@ def _bump(x: np.ndarray, centre: float, width: float) -> np.ndarray:
     return np.where(inside, (1.0 - ((x - centre) / half) ** 2) ** 3, 0.0)
 
 
+def _risen(part):
+    """From 0 to 1 over parts −½ to ½, the integral of a parabola that ends at both."""
+    part = np.clip(part, -0.5, 0.5)
+    return 0.5 + 1.5 * part - 2.0 * part**3
+
+
 def _hat(x: np.ndarray, y: tuple[float, ...], nodes: tuple[float, ...]) -> np.ndarray:
     return np.interp(x, nodes, y)
 
@@ -372,6 +378,20 @@ ROWS: tuple[Row, ...] = (
         {"depth": -0.02},
         lambda w: {"E_ZX": -0.02 * _bump(w.q["X"], 310.0, 90.0)},
         nonlinear={"centre": 310.0, "width": 90.0},
+    ),
+    Row(
+        "joint",
+        {"axis": "X", "error": "E_XX", "over": 40.0},
+        {"step": 0.005},
+        lambda w: {"E_XX": 0.005 * _risen((w.q["X"] - 310.0) / 40.0)},
+        nonlinear={"centre": 310.0},
+    ),
+    Row(
+        "joint",
+        {"error": "E_BX", "centre": 310.0, "over": 250.0},
+        {"step": -2e-5},
+        lambda w: {"E_BX": -2e-5 * _risen((w.q["X"] - 310.0) / 250.0)},
+        spec="joint of two beds",
     ),
     Row(
         "rotary_location",
