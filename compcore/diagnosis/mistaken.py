@@ -1,4 +1,4 @@
-"""Mistakes of who wrote a campaign, tried like causes: exchanged columns, turned signs, inches.
+"""Mistakes of a campaign, tried like causes: exchanged columns, late clocks, turned signs, inches.
 
 A mistake has no parameter of its own. So where the same model, fitted to the campaign as it would
 be without it, leaves less than half of what is more than noise, nothing that has to be fitted says
@@ -20,6 +20,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.campaign.steady_thermometers import steadied
 from abbe.compcore.campaign.thinning import thinned
 from abbe.compcore.campaign.units_of_set_ups import other_units, perhaps_other_units
+from abbe.compcore.diagnosis.late_logger import HOURS, read_later, shown_later
 from abbe.compcore.diagnosis.screening.body_motions import with_all_motions
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.design.design_matrix import Problem
@@ -118,7 +119,7 @@ def mistakes(model: Model, campaign: Campaign) -> tuple[Mistake, ...]:
         return ()
     if not (as_it_is.uncertainty.open or as_it_is.chi2 - as_it_is.dof > _WORTH):
         return ()
-    for kind in (_units, _exchanged, _factors):
+    for kind in (_units, _exchanged, _late, _factors):
         if found := sorted(kind(as_it_is, campaign), key=lambda m: m.without.left):
             return tuple(found)
     return ()
@@ -192,6 +193,37 @@ def _exchanged(as_it_is: FitResult, campaign: Campaign) -> Iterator[Mistake]:
                 ),
                 exchanged,
             )  # fmt: skip
+
+
+def _late(as_it_is: FitResult, campaign: Campaign) -> Iterator[Mistake]:
+    """All thermometers whole hours late, as by a logger's clock that knows no summer time.
+
+    By half as much they must agree much worse: else they are late in their housings.
+    """
+    machine = as_it_is.model.machine
+    for hours in HOURS:
+        seconds = 3600.0 * hours
+        kept = shown_later(campaign, seconds)
+        if kept is None or not read_later(campaign, machine, seconds):
+            return
+        rows = campaign.rows(kept)
+        beside = _fitted(as_it_is.model, rows)
+        if beside is None or beside.dof < _ENOUGH or beside.chi2 - beside.dof < _WORTH:
+            continue
+        late, half = (
+            _without(beside, _reading(campaign, read_later(campaign, machine, by)).rows(kept))
+            for by in (seconds, 0.5 * seconds)
+        )
+        if late.sure and late.left < _FALLS * half.left:
+            yield Mistake(
+                said(
+                    "the thermometers look {hours} h late: the machine is at each moment as warm "
+                    "as they read {hours} h after it (summer time, or the clock of another zone?). "
+                    "Put their columns in the time of the readings",
+                    hours=in_digits(hours),
+                ),
+                late,
+            )
 
 
 def _factors(as_it_is: FitResult, campaign: Campaign) -> Iterator[Mistake]:

@@ -40,19 +40,26 @@ def apart(model: Model, effect: Effect) -> bool:
     return max(one, other) > _TWO * min(one, other)
 
 
-def by_another_scale(model: Model, effect: Effect) -> bool:
-    """Whether a scale that has its own thermometer is to expand by that of another axis's scale."""
+def by_another_thermometer(model: Model, effect: Effect) -> bool:
+    """Whether a scale that follows its own thermometer is to expand by another body's as well.
+
+    By that of another axis; and, where its own is one on the scale and not on a screw or a motor,
+    by that of a part or of the air: a scale is as warm as it is.
+    """
     if not isinstance(effect, ScaleExpansion):
         return False
-
-    def own(other: ScaleExpansion) -> bool:
-        return all(model.machine.signals[s].axis == other.axis for s in other.signals)
-
-    beside = [e for e in model.effects if isinstance(e, ScaleExpansion) and e.axis == effect.axis]
-    elsewhere = any(
-        model.machine.signals[s].axis not in (None, effect.axis) for s in effect.signals
-    )
-    return elsewhere and any(own(e) for e in beside if e != effect)
+    machine = model.machine
+    others = [machine.signals[s] for s in effect.signals]
+    for beside in model.effects:
+        if not isinstance(beside, ScaleExpansion) or beside.axis != effect.axis or beside == effect:
+            continue
+        own = [machine.signals[s] for s in beside.signals]
+        if not all(s.axis == effect.axis for s in own):
+            continue
+        on_the_scale = all(s.role == "scale" for s in own)
+        if any(s.axis != effect.axis and (s.axis is not None or on_the_scale) for s in others):
+            return True
+    return False
 
 
 def comes(result: FitResult, effect: Effect) -> bool:

@@ -10,7 +10,7 @@ from abbe.compcore.diagnosis.judging.second_order import beyond_first_order
 from abbe.compcore.diagnosis.judging.soundness import (
     absurd,
     apart,
-    by_another_scale,
+    by_another_thermometer,
     comes,
     sound,
 )
@@ -36,8 +36,8 @@ than 1 or a little less, as the processor has it."""
 FALLS = 0.998
 """Part of the left-out χ² below which an addition's or a lag's has fallen."""
 
-BY_ANOTHER_SCALE = 0.8
-"""The same where a scale is to expand by the thermometer of another one: it averages its noise."""
+BY_ANOTHER_BODY = 0.8
+"""The same where a scale is to expand by another body's thermometer too: it averages its noise."""
 
 
 class GrowingModel:
@@ -261,8 +261,8 @@ class GrowingModel:
         except FitError:
             return None
         bound = all(e.scope == "instrument" for e in changed)
-        if any(e in model.effects and by_another_scale(model, e) for e in changed):
-            falls = min(falls, BY_ANOTHER_SCALE)
+        if any(e in model.effects and by_another_thermometer(model, e) for e in changed):
+            falls = min(falls, BY_ANOTHER_BODY)
         before, after = LeftOutErrors.beside(self.last.result, result, changed)
         if before.falls_to(after, result, bound=bound) > falls:
             return None

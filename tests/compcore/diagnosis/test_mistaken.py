@@ -103,3 +103,23 @@ def test_lines_that_are_no_mistake(sound: Campaign) -> None:
     })  # fmt: skip
     half = moved(sound, ONE, "Y", lambda q: -q)
     assert not list(other_units(half, both))
+
+
+def late(campaign: Campaign, seconds: float) -> Campaign:
+    """The campaign with all thermometers as they read so many seconds before each row."""
+    c = campaign.conditions
+    before = {n: np.interp(c.time - seconds, c.time, v) for n, v in c.signals.items()}
+    return reading(campaign, **before)
+
+
+def test_a_logger_without_summer_time(sound: Campaign) -> None:
+    (found,) = said(late(sound, 3600.0))
+    assert found.startswith("the thermometers look 1 h late")
+
+
+@pytest.mark.parametrize("seconds", [900.0, -3600.0], ids=["a housing", "the other way"])
+def test_thermometers_that_are_late_otherwise_are_no_mistake(
+    sound: Campaign, seconds: float
+) -> None:
+    """Late in its housing, or later than its body: that is a lag, and a cause."""
+    assert not said(late(sound, seconds))
