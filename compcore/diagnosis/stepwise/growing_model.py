@@ -6,6 +6,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import replace
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.diagnosis.judging.at_rest import beyond_what_was_seen
 from abbe.compcore.diagnosis.judging.second_order import beyond_first_order
 from abbe.compcore.diagnosis.judging.soundness import (
     absurd,
@@ -271,6 +272,8 @@ class GrowingModel:
         if not all(b.plausible for b in begun(result.problem, result.theta)):
             return None  # a body that began where none can have been is no body
         if not all(sound(result.model, e) and comes(result, e) for e in changed):
+            return None
+        if any(beyond_what_was_seen(result, e) for e in changed):
             return None
         known = {e for e in self.last.result.model.effects if absurd(self.last.result.model, e)}
         if any(absurd(result.model, e) for e in result.model.effects if e not in known):

@@ -17,6 +17,7 @@ from abbe.compcore.diagnosis.uncatalogued.descriptions import (
     surely,
     taken,
 )
+from abbe.compcore.diagnosis.uncatalogued.other_lines import foretells_other_lines
 from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
@@ -86,7 +87,9 @@ def best_beside(
         fall = 1.0 - was.falls_to(now, result, bound=False)
         if not taken(fall, was.left, after, weight, chances):
             continue
-        if not along or _between(before, result, added):
+        if (not along or _between(before, result, added)) and foretells_other_lines(
+            before, result, added
+        ):
             best = left, more, result
     return None if best is None else best[1:]
 
