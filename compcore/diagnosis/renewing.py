@@ -8,7 +8,11 @@ from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.renewed import renewed
 from abbe.compcore.model.model import Model
-from abbe.compcore.sentences import joined, said
+from abbe.compcore.sentences import Sentence, joined, said
+from abbe.compcore.units import in_digits, read_in
+
+_MUCH = 5.0
+"""Times as unsure as before from which on it is said."""
 
 
 class NotRenewedError(FitError):
@@ -33,6 +37,39 @@ def renews(diagnosis: Findings) -> bool:
     if holds is None or holds.suspicions or not holds.else_holds:
         return False
     return known_of_others(problem.model, set(problem.campaign.files.values()))
+
+
+def forgotten(given: Model, result: FitResult) -> Sentence | None:
+    """What a model knew much better than a fit that does not count it; None where nothing."""
+    files = set(result.problem.campaign.files.values())
+    if not known_of_others(given, files):
+        return None
+    before = {t.effect: t.values for t in given.terms}
+    worst: tuple[float, str] = (_MUCH, "")
+    for i, term in enumerate(result.model.terms):
+        for unknown in result.problem.layout.unknowns[result.problem.layout.terms[i]]:
+            was = before.get(term.effect, {}).get(unknown.name)
+            now = term.values[unknown.name]
+            if was is None or not was.measured or not was.sd or not now.sd:
+                continue
+            if now.sd > worst[0] * was.sd:
+                unit, factor = read_in(unknown)
+                named = said(
+                    "{effect}: {name} was known to ± {before} {unit}, and is ± {after} now",
+                    effect=term.effect.spec,
+                    name=unknown.name,
+                    before=in_digits(was.sd * factor, 2),
+                    after=in_digits(now.sd * factor, 2),
+                    unit=unit,
+                )
+                worst = (now.sd / was.sd, named)
+    if not worst[1]:
+        return None
+    return said(
+        "FORGOTTEN: other campaigns showed more than this one does ({what}). With --renew what "
+        "they showed counts, too",
+        what=worst[1],
+    )
 
 
 def renewed_where_known(given: Model, first: FitResult, last: FitResult) -> FitResult:

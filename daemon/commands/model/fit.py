@@ -56,6 +56,7 @@ def fit(
     force: Force = False,
 ) -> None:
     """Fit all parameters of a model to campaigns and write the fitted model."""
+    from abbe.compcore.diagnosis.renewing import forgotten
     from abbe.compcore.diagnosis.renewing import renew as known_before
     from abbe.compcore.errors import FitError, InputError
     from abbe.compcore.files.model_file import save_model
@@ -127,4 +128,6 @@ def fit(
     say(reported)
     if as_json:
         return
+    if not renew and (lost := forgotten(loaded, result)) is not None:
+        say(lost)
     say(said("written: {files}", files=str(out) if report is None else f"{out}, {report}"))

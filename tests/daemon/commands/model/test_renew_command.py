@@ -58,7 +58,10 @@ def test_the_printed_line_keeps_what_holds(shop: Path) -> None:
     assert f"fitted anew, as it has changed: {SPEC}" in done.out
     renewed = Path(words[words.index("-o") + 1])
     alone = shop / "alone.toml"
-    assert abbe("fit", shop / "was.toml", shop / "check.csv", "-o", alone).status == 0
+    forgetting = abbe("fit", shop / "was.toml", shop / "check.csv", "-o", alone)
+    assert forgetting.status == 0
+    assert "FORGOTTEN: other campaigns showed more than this one does (" in forgetting.out
+    assert "FORGOTTEN" not in done.out
     surer = [_sds(renewed)[name] < 0.5 * sd for name, sd in _sds(alone).items()]
     assert np.mean(surer) > 0.3
     was, now = (
