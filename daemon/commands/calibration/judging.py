@@ -79,14 +79,7 @@ def judge_check(
     def doubt(found: Verification) -> str:
         if found.lines or check_verdict(found).outcome is not VerdictOutcome.VERIFIED:
             return ""
-        corrected, unsure = corrected_and_unsure(SurveyTask(named.model, tools=request.offsets))
-        if unsure <= corrected:
-            return ""
-        return said(
-            "over its travels the model corrects {size} and is unsure by {sd}: what no set-up "
-            "showed is not known",
-            size=f"{in_digits(corrected * 1e3)} µm", sd=f"{in_digits(unsure * 1e3)} µm",
-        )  # fmt: skip
+        return less_sure_than_corrected(request)
 
     done = judge(
         named, known, files, stated.get("tolerance", "").split(), stated.get("mpe") or None, page,
@@ -111,7 +104,28 @@ def judge_check(
         why = joined(verdict.reasons)
         raise AbbeError(said("the check does not pass: {why}; {then}. {ways}", why=why, then=back,
                              ways=_WAYS_ON))  # fmt: skip
+    if verdict.outcome is VerdictOutcome.OPEN and active is not None:
+        say(
+            said(
+                "the tables act, and the check does not show that they help everywhere: {command} "
+                "takes them back",
+                command=f"{uploading(request.config)} --rollback",
+            )
+        )
     return verdict.text
+
+
+def less_sure_than_corrected(request: CalibrationRequest) -> str:
+    """That a calibrated model is less sure over the travels than what it corrects; else empty."""
+    task = SurveyTask(load_model(request.file(CALIBRATED)), tools=request.offsets)
+    corrected, unsure = corrected_and_unsure(task)
+    if unsure <= corrected:
+        return ""
+    return said(
+        "over its travels the model corrects {size} and is unsure by {sd}: what no set-up "
+        "showed is not known",
+        size=f"{in_digits(corrected * 1e3)} µm", sd=f"{in_digits(unsure * 1e3)} µm",
+    )  # fmt: skip
 
 
 def live_words(outcome: str, left_out: str = "") -> tuple[str, ...]:

@@ -41,7 +41,12 @@ from abbe.daemon.commands.calibration.files_matched import (
     placed_in,
     write_targets,
 )
-from abbe.daemon.commands.calibration.judging import NOTHING_CHECKED, judge_check, live_words
+from abbe.daemon.commands.calibration.judging import (
+    NOTHING_CHECKED,
+    judge_check,
+    less_sure_than_corrected,
+    live_words,
+)
 
 
 def steps_of(
@@ -51,7 +56,7 @@ def steps_of(
     yield from _measured(request, state, say, ask)
     yield from _modelled(request, state, say, ask)
     if request.tables:
-        yield from _applied(request)
+        yield from _applied(request, say)
     if request.checked_by:
         yield from _verified(request, state, say, ask)
     if not request.tables and request.corrected_live:
@@ -172,7 +177,7 @@ def _modelled(
     )
 
 
-def _applied(request: CalibrationRequest) -> Iterator[CalibrationStep]:
+def _applied(request: CalibrationRequest, say: Callable[[str], None]) -> Iterator[CalibrationStep]:
     calibrated, tables = request.file(CALIBRATED), request.file(TABLES)
     record = tables / "abbe-tables.json"
 
@@ -183,6 +188,14 @@ def _applied(request: CalibrationRequest) -> Iterator[CalibrationStep]:
             calibrated, controller=request.tables, out=tables, tool=_tool(request.tools),
             at=list(request.at), settings=request.table_options,
         )  # fmt: skip
+        if unsure := less_sure_than_corrected(request):
+            say(
+                said(
+                    "LOOK BEFORE THEY ACT: {why}. On lines that nobody measured they may do harm; "
+                    "measure more first (--time, another instrument)",
+                    why=unsure,
+                )
+            )
 
     def uploaded() -> None:
         from abbe.daemon.commands.tables.upload import upload
