@@ -6,6 +6,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import make_effect
 from abbe.compcore.errors import InputError, require_type
@@ -13,6 +15,10 @@ from abbe.compcore.model.model import Model, Term
 
 DETAIL = ("shape", "positions", "harmonics", "tau", "tau2", "start", "period", "gravity")
 """Where-keys that say in how much detail an effect is described, not which cause it is."""
+
+
+_SAME = 1.2
+"""Ratio of two periods up to which they are one, the better known."""
 
 
 def identity(effect: Effect) -> tuple[str, tuple[tuple[str, str], ...]]:
@@ -25,7 +31,8 @@ def with_effect(model: Model, kind: str, keys: Mapping[str, Any]) -> tuple[Model
     """A model with one more effect, not yet fitted.
 
     Where the model has the same cause in other detail (a spline with fewer coefficients), it is
-    replaced.
+    replaced. A wave of a stated period beside one of another period is another cause: a rack has
+    its pinion's turn and its teeth.
 
     Raises
     ------
@@ -37,13 +44,24 @@ def with_effect(model: Model, kind: str, keys: Mapping[str, Any]) -> tuple[Model
     effect.check(model.machine)
     terms = list(model.terms)
     for i, term in enumerate(terms):
-        if identity(term.effect) != identity(effect):
+        if identity(term.effect) != identity(effect) or _another_wave(model, term, effect):
             continue
         if term.effect == effect and effect.kind != "formula":
             raise InputError("the model has this effect already", found=effect.spec)
         terms[i] = Term(effect, switch=term.switch)
         return _unfitted(model, terms), effect
     return _unfitted(model, [*terms, Term(effect)]), effect
+
+
+def _another_wave(model: Model, term: Term, effect: Effect) -> bool:
+    """Whether an effect states a period that is not the one of a term of the model."""
+    stated, known = getattr(effect, "period", None), getattr(term.effect, "period", None)
+    if stated is None:
+        return False
+    if known is None and "period" in term.values:
+        found = term.values["period"].value
+        known = np.degrees(found) if model.machine.axis(effect.where()["axis"]).rotary else found
+    return known is not None and not known / _SAME < stated < known * _SAME
 
 
 def without_effect(model: Model, name: str) -> tuple[Model, Effect]:

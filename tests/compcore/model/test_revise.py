@@ -1,13 +1,15 @@
 """Adding an effect to a model and taking one out, as a Python user does."""
 
+from dataclasses import replace
+
 import pytest
 
 from abbe.compcore.effects.registry import make_effect
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
-from abbe.compcore.model.model import Model
-from abbe.compcore.model.revise import add_effect, remove_effect
+from abbe.compcore.model.model import Model, Value
+from abbe.compcore.model.revise import add_effect, remove_effect, with_effect
 
 MACHINE = Machine("mill", Structure.parse("w b Y X Z t"), {a: Axis(a, (0.0, 500.0)) for a in "XYZ"})
 BACKLASH = make_effect("backlash", {"axis": "Z"})
@@ -38,3 +40,17 @@ def test_the_original_is_left_alone() -> None:
     before = Model(MACHINE)
     add_effect(before, BACKLASH)
     assert before.effects == ()
+
+
+def test_a_wave_of_another_period_is_another_cause():
+    """A rack: once in a turn of its pinion, and once at each tooth."""
+    axes = {a: Axis(a, (0.0, 2000.0)) for a in "XYZ"}
+    model = Model(Machine("rack", Structure.parse("w b Y X Z t"), axes), ())
+    model, turn = with_effect(model, "cyclic", {"axis": "X"})
+    values = {n: Value(0.0, 1e-3) for n in ("A1", "B1")} | {"period": Value(399.65, 0.16)}
+    model = replace(model, terms=(replace(model.terms[0], values=values),))
+    both, tooth = with_effect(model, "cyclic", {"axis": "X", "period": 10.0})
+    assert both.effects == (turn, tooth)
+    # the same wave, better known
+    known, once = with_effect(model, "cyclic", {"axis": "X", "period": 400.0})
+    assert known.effects == (once,)
