@@ -92,7 +92,7 @@ def test_compare_leads_to_diagnose_and_diagnose_to_the_new_values(shop):
     assert alpha is not None
     assert float(alpha[1]) == pytest.approx(1.4 * ALPHA, rel=0.01)
     # the next time it prints another name: what was written is not overwritten
-    assert printed(run(diagnosing))[0].endswith("f-3.toml'")
+    assert printed(run(diagnosing))[0].endswith("f-3.toml' --renew")
 
 
 def test_a_missing_cause_on_the_screen_and_on_the_page(shop):
