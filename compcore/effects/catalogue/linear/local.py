@@ -23,7 +23,7 @@ from abbe.compcore.effects.registry import register
 from abbe.compcore.effects.targets import ROTATIONS, TRANSLATIONS, require_linear
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.machine import Machine, own_component
 
 _ERROR = re.compile(r"E_([XYZABC])([XYZUVWR][0-9]?)")
 _HALF = float(np.sqrt(1.0 - 0.5 ** (1.0 / 3.0)))
@@ -250,4 +250,4 @@ class Joint(LocalEffect):
         """The scale or rack of each linear axis that moved."""
         for axis in machine.structure.linear:
             if axis in coverage.moving and coverage.shows(axis, 2):
-                yield cls(axis=axis, error=f"E_{axis}{axis}")
+                yield cls(axis=axis, error=f"E_{own_component(axis)}{axis}")
