@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 from abbe.compcore.diagnosis.explain import formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
-from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS, LeftOut
 from abbe.compcore.diagnosis.uncatalogued.over_the_volume import smooth_errors
 from abbe.compcore.distributions import log_f_beyond, signed_rank_beyond
@@ -75,8 +74,7 @@ def descriptions(diagnosis: Findings) -> Iterator[tuple[Effect, ...]]:
         if "t" not in structure.depends_on and (spec := formula(structure)) is not None:
             channel, terms = spec.removeprefix("formula channel=").split(" terms=", 1)
             yield (Formula.model_validate({"channel": channel, "terms": terms}),)
-    moving = any(e.kind in RIGID for e in model.effects)
-    yield from smooth_errors(model.machine, campaign, beside_motions=moving)
+    yield from smooth_errors(model.machine, campaign)
 
 
 def _each_direction(

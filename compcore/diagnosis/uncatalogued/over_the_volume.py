@@ -29,9 +29,7 @@ _SEEN = 0.2
 """Cosine of a measured direction from which it shows a component."""
 
 
-def smooth_errors(
-    machine: Machine, campaign: Campaign, *, beside_motions: bool = False
-) -> Iterator[tuple[Effect, ...]]:
+def smooth_errors(machine: Machine, campaign: Campaign) -> Iterator[tuple[Effect, ...]]:
     """Descriptions of the functional point's error by polynomials of the linear axes' positions.
 
     Each is a formula for every direction that was measured: products of two and more positions
@@ -45,9 +43,6 @@ def smooth_errors(
         Its travels are what the positions are counted from the middle of, mm.
     campaign
         The rows.
-    beside_motions
-        Whether error motions stay: products alone then. What is a power of one position they are
-        themselves, and the two would be told apart by nothing.
     """
     moving = campaign.coverage().moving
     axes = [a for a in machine.structure.axes if a in moving and not machine.axis(a).rotary]
@@ -62,7 +57,7 @@ def smooth_errors(
     # each direction has coefficients of its own
     places = min(_places(campaign, axes, shown[d]) for d in channels)
     for degree in _DEGREES:
-        for least in (2,) if beside_motions else (2, 1):  # axes in a product
+        for least in (2, 1):  # axes in a product
             terms = list(_terms(machine, axes, degree, least))
             if len(terms) <= MOST_TERMS and _PLACES * len(terms) <= places:
                 yield tuple(

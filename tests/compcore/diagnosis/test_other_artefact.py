@@ -98,7 +98,7 @@ def test_a_gauge_foretells_its_own_lines_only(
     rows = campaign(tmp_path, model, gauge=gauge, twist=twist)
     (effects,) = [
         found
-        for found in smooth_errors(model.machine, rows, beside_motions=True)
+        for found in smooth_errors(model.machine, rows)
         if len(found[0].linear(model.machine)) == {2: 1, 4: 6}[degree]
     ]
     more, added = model, []
