@@ -9,6 +9,7 @@ import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.findings import Findings
+from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
 from abbe.compcore.diagnosis.uncatalogued.descriptions import (
     LEAST,
@@ -24,7 +25,7 @@ from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.model.model import Model
-from abbe.compcore.model.revise import with_effect
+from abbe.compcore.model.revise import identity, with_effect
 
 Grown = list[tuple[Model, Effect]]
 """A model with one effect more each time, and that effect."""
@@ -67,6 +68,7 @@ def best_beside(
     best: tuple[float, Grown, FitResult] | None = None
     found = list(descriptions(diagnosis))
     chances = different(found)
+    whole = _has_all_motions(before.model, diagnosis)
     for effects in found:
         effects = tuple(e for e in effects if e not in before.model.effects)
         if not effects or any(map(refused, effects)):
@@ -87,11 +89,18 @@ def best_beside(
         fall = 1.0 - was.falls_to(now, result, bound=False)
         if not taken(fall, was.left, after, weight, chances):
             continue
-        if (not along or _between(before, result, added)) and foretells_other_lines(
-            before, result, added
-        ):
+        if along and not _between(before, result, added):
+            continue
+        if not whole or foretells_other_lines(before, result, added):
             best = left, more, result
     return None if best is None else best[1:]
+
+
+def _has_all_motions(model: Model, diagnosis: Findings) -> bool:
+    """Whether a model has all error motions that were tried: nothing stands for one of them."""
+    known = {identity(e) for e in model.effects}
+    tried = (f.candidate.effect for f in diagnosis.ranked)
+    return not any(e.kind in RIGID and identity(e) not in known for e in tried)
 
 
 def _between(before: FitResult, result: FitResult, added: Sequence[Effect]) -> bool:
