@@ -11,7 +11,7 @@ import numpy as np
 from benchmarks.hidden.campaigns import rotary_plan
 from benchmarks.hidden.campaigns.campaign import STRUCTURES, draw
 from benchmarks.hidden.campaigns.measuring import NOISE
-from benchmarks.hidden.causes import beyond, step_aside
+from benchmarks.hidden.causes import beyond, joined, step_aside
 from benchmarks.hidden.causes import rotary as rotary_causes
 from benchmarks.hidden.causes.catalogued import catalogue
 from benchmarks.hidden.causes.cause import Cause
@@ -37,6 +37,7 @@ ELSEWHERE: Mapping[str, tuple[str, ...]] = {
     **dict.fromkeys(distances.HIDDEN, distances.kinds()),
     **dict.fromkeys(beyond.NAMES, tuple(STRUCTURES)),
     **dict.fromkeys(step_aside.NAMES, tuple(STRUCTURES)),
+    **dict.fromkeys(joined.NAMES, tuple(STRUCTURES)),
 }
 """Causes that need other scenes than the usual ones, or came later → the kinds of scene, taken in
 turn."""

@@ -15,6 +15,7 @@ from benchmarks.hidden.causes.beyond import beyond
 from benchmarks.hidden.causes.catalogued import catalogue
 from benchmarks.hidden.causes.cause import Cause
 from benchmarks.hidden.causes.further import further, left_out
+from benchmarks.hidden.causes.joined import joined
 from benchmarks.hidden.causes.step_aside import aside
 from benchmarks.hidden.causes.uncatalogued import uncatalogued
 from benchmarks.hidden.scenes import bare, distances, instrument
@@ -54,7 +55,8 @@ class Usual:
         rng = np.random.default_rng((self.seed, 8))
         found |= further(axes, travels, rng) | left_out(axes, rng)
         found |= beyond(axes, travels, np.random.default_rng((self.seed, 9)))
-        return found | aside(axes, np.random.default_rng((self.seed, 10)))
+        found |= aside(axes, np.random.default_rng((self.seed, 10)))
+        return found | joined(axes, travels, np.random.default_rng((self.seed, 11)))
 
     def simulate(self, causes: Hidden, *, held_out: bool = False) -> Simulated:
         """Lines by laser, angles by level, through a day."""

@@ -78,7 +78,9 @@ def everything(machine: Machine, campaign) -> Model:
     effects = []
     for cls in effect_kinds().values():
         found = list(cls.candidates(machine, coverage))
-        if found and not cls.kind.startswith("setup_") and cls.kind not in ("event", "dead_path"):
+        # moments and places of steps are searched, not sloped
+        stepped = cls.kind in ("event", "joint", "dead_path")
+        if found and not cls.kind.startswith("setup_") and not stepped:
             effects.append(found[len(found) // 2])
     return Model(machine).with_effects(*effects)
 
