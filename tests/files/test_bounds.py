@@ -45,6 +45,7 @@ sys.exit(os.waitstatus_to_exitcode(status))
 parent held when it was started, and these tests' own process may hold any amount."""
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize("name", HOSTILE)
 def test_hostile_toml_is_one_error_within_seconds(tmp_path: Path, name: str):
@@ -110,6 +111,7 @@ WRONG = [
 ]  # fmt: skip
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(("key", "value"), WRONG)
 def test_wrong_types_in_a_record_are_one_error(tables: Path, key: str, value: object):
     record = record_of(tables)

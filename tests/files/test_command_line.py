@@ -150,9 +150,14 @@ def test_names_that_are_no_utf_8(shop: Path):
         "table o --controller linuxcnc -o t --report r --json",
     ):
         words = [names.get(word, word) for word in line.split()]
-        running = process(*map(os.fsencode, words), stdout=subprocess.PIPE)
-        out, said = running.communicate(timeout=300)
-        assert (running.returncode, said) == (0, b""), line
+        if words[0] == "fit":  # how a process reads its arguments one of them shows
+            running = process(*map(os.fsencode, words), stdout=subprocess.PIPE)
+            out, said = running.communicate(timeout=300)
+            assert (running.returncode, said) == (0, b""), line
+        else:
+            done = abbe(*words)
+            out, said = done.out, done.err
+            assert (done.status, said) == (0, ""), line
         json.loads(out)
         assert (shop / names["r"]).read_text(encoding="utf-8")
     said = abbe("history", names["o"] + "no").err

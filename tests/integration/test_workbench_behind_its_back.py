@@ -118,6 +118,7 @@ def test_a_browser_that_is_closed_while_a_cause_is_added(
         assert entry["who"] == "browser 1"
 
 
+@pytest.mark.thorough
 def test_a_model_that_is_replaced_on_the_disk(
     browser: Browser, files: tuple[str | Path, ...], tmp_path: Path
 ) -> None:

@@ -82,7 +82,7 @@ def kill_when_it_hangs(place: Place, abbe: subprocess.Popen[str], pid: int) -> N
     place.control.order("wake")
 
 
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("when", KILLED)
 def test_killed_and_recovered(place: Place, made: Path, abbe: subprocess.Popen[str], when: str):
     where, step = KILLED[when]

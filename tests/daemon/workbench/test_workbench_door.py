@@ -272,6 +272,7 @@ def test_a_stream_ends_with_its_session(tmp_path: Path) -> None:
         assert found.ask("GET", "/api/state").status == 403
 
 
+@pytest.mark.thorough
 def test_ctrl_c_ends_it_while_somebody_looks(
     tmp_path: Path, capfd: pytest.CaptureFixture[str]
 ) -> None:

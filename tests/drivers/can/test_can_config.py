@@ -216,6 +216,7 @@ main()
 """
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("driver", ["can", "canopen"])
 @pytest.mark.parametrize("names", [("can", "canopen", "cantools"), ("canopen", "cantools")])
 def test_without_the_extra_it_says_what_to_install(

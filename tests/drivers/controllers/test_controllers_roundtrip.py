@@ -116,6 +116,7 @@ def curves(controller, drawn: dict) -> list[Curve]:
 IDS = [f"{name}-{i}" for i, (name, _) in enumerate(CASES)]
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(("name", "options"), CASES, ids=IDS)
 @settings(max_examples=6)
 @given(drawn=machines)

@@ -170,6 +170,7 @@ async def test_an_abort_between_two_moves_ends_it_too(mill: TouchingMill) -> Non
         await probe.go(over(0.0, 0.0, 50.0))
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("what", ["abort", "off", "halt", "end", "kill"])
 async def test_whoever_stops_it_a_touch_is_none(mill: TouchingMill, what: str) -> None:
     """Operator's abort, machine off, Ctrl-C, Abbe's end, a killed bridge: it stands."""

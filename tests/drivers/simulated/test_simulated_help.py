@@ -27,6 +27,7 @@ def test_every_command_is_named():
     assert set(COMMANDS) <= {name.strip() for name in listed}
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("name", COMMANDS)
 def test_every_command_has_a_page(name):
     done = helped(name)

@@ -218,6 +218,7 @@ def test_what_is_said_of_an_event():
     assert "first" in words({**event, "change_um": None}, config)
 
 
+@pytest.mark.thorough
 @pytest.mark.integration
 def test_a_machine_that_warms_up_is_followed_over_modbus(tmp_path):
     """The simulated bridge in its own process; its shop warms by hours in seconds."""
