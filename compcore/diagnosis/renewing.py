@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from abbe.compcore.diagnosis.changed import Standing, standing
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.errors import FitError
@@ -23,12 +25,20 @@ def known_of_others(model: Model, campaign_files: set[str]) -> bool:
     """Whether a model knows its values from other campaigns than these (their SHA-256), too."""
     if model.covariance is None or not model.terms or not all(t.fitted for t in model.terms):
         return False
-    return not model.fitted_to & campaign_files or _renewed_by(model, campaign_files)
+    if not campaign_files:
+        return False  # rows of no file: whether they were fitted before nobody can say
+    return not model.fitted_to & campaign_files or _renewed_with(model, campaign_files) is not None
 
 
-def _renewed_by(model: Model, campaign_files: set[str]) -> bool:
-    """Whether these campaigns, all of them, were the last that renewed the model."""
-    return set(model.fit.get("renewed", {}).get("by", ())) == campaign_files
+def _renewed_with(model: Model, campaign_files: set[str]) -> float | None:
+    """The variance with which these very campaigns were the last to renew a model; else None."""
+    record = model.fit.get("renewed")
+    if not campaign_files or not isinstance(record, Mapping):
+        return None
+    by, variance = record.get("by"), record.get("variance")
+    if not isinstance(by, list) or set(map(str, by)) != campaign_files:
+        return None
+    return float(variance) if isinstance(variance, int | float) and variance > 0.0 else None
 
 
 def renews(diagnosis: Findings) -> bool:
@@ -107,8 +117,9 @@ def renew(given: Model, first: FitResult, last: FitResult) -> FitResult:
             )
         )
     files = set(campaign.files.values())
-    if _renewed_by(given, files):
-        return renewed(last, given, (), float(given.fit["renewed"]["variance"]), first)
+    variance = _renewed_with(given, files)
+    if variance is not None:
+        return renewed(last, given, (), variance, first)
     if given.fitted_to & files:
         raise NotRenewedError(
             said(

@@ -34,7 +34,7 @@ def beyond_what_was_seen(result: FitResult, effect: Effect) -> bool:
         return False
     read = effect.signals_needed()
     ends = []
-    for end in (np.min, np.max):
+    for end in (np.nanmin, np.nanmax):
         steady = {
             s: np.full(campaign.n, end(v)) for s, v in conditions.signals.items() if s in read
         }

@@ -144,6 +144,14 @@ def test_it_is_refused_in_words(earlier: Model, bare: Model, later: FitResult) -
         renew(turned, later, later)
 
 
+def test_rows_of_no_file_are_not_taken_for_others(earlier: Model, later: FitResult) -> None:
+    assert not known_of_others(earlier, set())
+    rows = fit(earlier, replace(later.problem.campaign, files={}))
+    assert renew(earlier, rows, rows).renewal is not None  # asked for, it is done
+    damaged = replace(earlier, fit={**earlier.fit, "renewed": True})
+    assert renew(damaged, later, later).renewal is not None
+
+
 def test_the_record_names_all_campaigns(earlier: Model, later: FitResult, tmp_path: Path) -> None:
     kept = _record(renewed(later, earlier, ()), earlier)
     assert [c["file"].split("/")[-1] for c in kept.fit["campaigns"]] == ["fit.csv", "check.csv"]
