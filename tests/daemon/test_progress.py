@@ -58,6 +58,7 @@ def test_without_stages_nothing_is_promised() -> None:
     assert bar.done == 0.0
 
 
+@pytest.mark.thorough
 @pytest.mark.integration
 def test_a_terminal_shows_how_long_a_diagnosis_will_take(tmp_path: Path) -> None:
     files = [str(DATA / "p03-bridge" / name) for name in ("model.toml", "fit.csv")]

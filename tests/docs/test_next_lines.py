@@ -42,6 +42,7 @@ def run(command: str, *more: str) -> str:
     return done.out
 
 
+@pytest.mark.thorough
 @pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     ("title", "key"),

@@ -93,6 +93,7 @@ sys.meta_path.insert(0, Interrupt())
 """
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize(
     "name",
     ["typer", "abbe.compcore.errors", "abbe.daemon.application",
@@ -140,6 +141,7 @@ def test_a_command_leaves_the_interruptions_of_its_process_alone(shop: Path):
     assert signal.getsignal(signal.SIGINT) is before
 
 
+@pytest.mark.thorough
 def test_names_that_are_no_utf_8(shop: Path):
     names = {n: os.fsdecode(n.encode() + b"\xff\xe9") for n in ("m", "c", "o", "r", "t")}
     (shop / names["m"]).write_text(MODEL)

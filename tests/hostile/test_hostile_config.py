@@ -256,8 +256,7 @@ def journals() -> Iterator[Case]:
 CASES = [*numbers(), *words(), *mutated(), *plugins(), *without(), *journals()]
 
 
-@pytest.mark.one_in(2)
-@pytest.mark.one_in(12)
+@pytest.mark.one_in(24)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_bad_configuration_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)

@@ -269,8 +269,7 @@ def typed() -> Iterator[Case]:
 CASES = [*named(), *certificates(), *gauges(), *mutated(), *typed()]
 
 
-@pytest.mark.one_in(2)
-@pytest.mark.one_in(12)
+@pytest.mark.one_in(24)
 @pytest.mark.parametrize("case", CASES, ids=str)
 def test_a_bad_file_of_others_is_reported_in_one_line(case: Case, tmp_path: Path) -> None:
     outcome = run(case, tmp_path)

@@ -190,6 +190,7 @@ def test_without_the_nudge_nothing_is_kept_of_a_plan_that_has_it(tmp_path: Path)
         run.end()
 
 
+@pytest.mark.thorough
 @pytest.mark.one_in(2)
 @pytest.mark.parametrize("nudge", [0.0, 0.05])
 def test_one_that_is_late_by_seconds_gives_no_row_of_the_target_before(

@@ -96,6 +96,7 @@ def shop(tmp_path: Path) -> Iterator[tuple[SimulatedProcess, Path]]:
         yield process, tmp_path
 
 
+@pytest.mark.thorough
 def test_rotary_axes_by_r_test_from_the_plan_to_the_fit(
     shop: tuple[SimulatedProcess, Path],
 ) -> None:

@@ -74,6 +74,7 @@ def test_a_laser_that_does_not_follow_the_machine_gives_no_rows_but_its_zero(
     assert "Traceback" not in run.said
 
 
+@pytest.mark.thorough
 @pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("factor", "words"), [(25.4, "taken for inches"), (1000.0, "µm that are taken for mm")]

@@ -48,7 +48,7 @@ def test_first_upload_second_upload_and_roll_back(place: Place, made: Path):
     assert len(list((place.folder / "backups").iterdir())) == 3
 
 
-@pytest.mark.one_in(4)
+@pytest.mark.one_in(8)
 @pytest.mark.parametrize(("step", "kind"), cases())
 def test_every_step_with_every_fault(place: Place, made: Path, step: str, kind: str):
     patient = QUICK | {"timeout": 3.0, "command_timeout": 5.0, "reconnect_within": 5.0}

@@ -71,6 +71,7 @@ def test_warmer_in_front_the_column_leans_back_and_lifts_the_head() -> None:
     assert x == 0.0
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("number", range(len(EMPTY)))
 def test_on_empty_days_nothing_is_named(number: int) -> None:
     found = run(Run(EMPTY[number], 100 + number), others=False)

@@ -67,6 +67,7 @@ def test_cosine_errors_drawn_at_random_scatter_as_stated():
     assert 400.0 - sqrt(400.0**2 - 25.0) == pytest.approx(25.0 / 800.0, rel=1e-3)
 
 
+@pytest.mark.one_in(3)
 @pytest.mark.parametrize("name", ["E", "M", "A"])
 def test_a_test_done_again_with_another_scale_and_other_means_scatters_as_stated(name):
     """A long line with an error of 40 µm; scales and means drawn at random."""

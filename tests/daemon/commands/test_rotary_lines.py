@@ -183,6 +183,7 @@ def left(scene):
     return 1e3 * np.sqrt(np.mean(np.concatenate(rest) ** 2))
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize("name", SCENES)
 def test_what_is_said_and_entered_takes_the_error_away(tmp_path, name):
     scene = SCENES[name]

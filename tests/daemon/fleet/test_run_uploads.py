@@ -18,6 +18,7 @@ from tests.support.drivers.opening import until
 pytestmark = [pytest.mark.integration, pytest.mark.xdist_group("postgresql")]
 
 
+@pytest.mark.thorough
 @pytest.mark.timeout(300)
 async def test_what_a_run_uploads_and_a_store_that_is_killed(
     server: PostgreSQL, tmp_path: Path

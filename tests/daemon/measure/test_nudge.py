@@ -86,6 +86,7 @@ def test_what_does_not_follow_is_named(tmp_path: Path, shown, words: str) -> Non
     assert not check.follows
 
 
+@pytest.mark.thorough
 def test_honest_instruments_are_never_accused(tmp_path: Path) -> None:
     """A servo that stands up to 3 µm off, 1 µm of scatter, a scale that is up to 5 % off."""
     rng = np.random.default_rng(2)

@@ -127,6 +127,7 @@ def node(path: str) -> str:
     return f"ns=2;s={path}"
 
 
+@pytest.mark.thorough
 async def test_values_statuses_stamps_units_and_events(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -229,6 +229,7 @@ async def test_commands(tmp_path: Path) -> None:
     assert "no correction runs that listens" in err
 
 
+@pytest.mark.thorough
 async def test_typed_in(tmp_path: Path) -> None:
     """A temperature that no sensor reads: absent, entered, implausible, expired."""
     old = """[signals.T_x1]

@@ -86,6 +86,7 @@ def waiting_tasks(folder: Path, count: int) -> list[partial[SpreadTask]]:
     return [partial(SpreadTask, NAME + "once_noted", argument(i)) for i in range(count)]
 
 
+@pytest.mark.thorough
 def test_draws_are_the_same_to_the_bit(cluster: DaskProcesses, tmp_path: Path) -> None:
     effects = (Scale(axis="X"), Positioning(axis="Y", shape="polynomial:3"))
     known = [(e, {p.name: (1e-5, 3e-6) for p in e.linear(MACHINE)}) for e in effects]

@@ -44,6 +44,7 @@ def sha256(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+@pytest.mark.thorough
 async def test_all_that_runs_is_said(tmp_path: Path) -> None:
     async with running(tmp_path) as run:
         full = await run.until(compensating)

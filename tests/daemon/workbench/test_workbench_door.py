@@ -290,6 +290,7 @@ def test_ctrl_c_ends_it_while_somebody_looks(
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.thorough
 def test_ctrl_c_and_the_button_end_it(tmp_path: Path) -> None:
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=12)
     for by_button in (False, True):

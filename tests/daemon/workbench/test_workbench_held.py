@@ -68,6 +68,7 @@ def damaged(record: dict[str, Any]) -> Iterator[tuple[str, dict[str, Any]]]:
                 yield f"{key}.{inner}={wrong}", record | {key: part | {inner: wrong}}
 
 
+@pytest.mark.thorough
 def test_a_damaged_record_is_one_sentence(made: tuple[Configuration, Path], tmp_path: Path) -> None:
     configuration, folder = made
     record = json.loads((folder / "abbe-tables.json").read_text())

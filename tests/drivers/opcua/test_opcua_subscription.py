@@ -58,6 +58,7 @@ class Honesty:
             await asyncio.sleep(0.01)
 
 
+@pytest.mark.thorough
 async def test_values_come_without_being_asked_for(server: Mill) -> None:
     async with linked(server.url, {"x": "x", "T": "T"}, subscribe=_EVERY) as link:
         await until_notified(link)
@@ -174,6 +175,7 @@ async def good_but_asked(link: OpcuaLink) -> bool:
     return not notified(link)
 
 
+@pytest.mark.thorough
 async def test_a_server_that_was_started_again_is_subscribed_to_anew(tmp_path: Path) -> None:
     with mill(tmp_path) as first:
         async with linked(first.url, {"x": "x"}, subscribe=_EVERY) as link:

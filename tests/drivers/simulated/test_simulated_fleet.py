@@ -41,6 +41,7 @@ def floats(words: list[int]) -> np.ndarray:
     return np.array(struct.unpack(f">{len(words) // 2}f", struct.pack(f">{len(words)}H", *words)))
 
 
+@pytest.mark.thorough
 def test_a_crash_turns_x_on_y_where_the_spheres_are() -> None:
     """By so much more in Y as X is further out, and nowhere else."""
     there = SPHERES

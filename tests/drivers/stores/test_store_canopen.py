@@ -218,7 +218,7 @@ CASES = [
 ]
 
 
-@pytest.mark.one_in(8)
+@pytest.mark.one_in(24)
 @pytest.mark.parametrize(("operation", "skip", "kind"), CASES)
 async def test_whatever_frame_goes_wrong(
     control: SimulatedProcess, operation: str, skip: int, kind: str
@@ -258,6 +258,7 @@ async def test_whatever_frame_goes_wrong(
     assert control.order("truth")["active"] == sums(NEW)
 
 
+@pytest.mark.thorough
 @pytest.mark.one_in(2)
 @pytest.mark.parametrize("how", ["unplug", "break"])
 async def test_an_adapter_that_goes_amid_the_transfer_and_comes_back(

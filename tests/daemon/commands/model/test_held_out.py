@@ -113,6 +113,7 @@ def test_compare_says_when_a_campaign_was_fitted(tmp_path):
     assert "that this model was fitted to" in report.read_text(encoding="utf-8")
 
 
+@pytest.mark.thorough
 def test_the_add_that_diagnose_prints_gives_what_is_printed_beside_it(tmp_path):
     (tmp_path / "my mill.toml").write_bytes(MODEL.read_bytes())
     model = tmp_path / "my mill.toml"

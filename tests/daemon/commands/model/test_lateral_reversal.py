@@ -134,6 +134,7 @@ ROTARY = MODEL[: MODEL.index("[[effects]]")].replace("w b Y X Z t", "w C' b X Y 
 )
 
 
+@pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("spec", "shift", "turn", "column", "step"),
     [
@@ -171,6 +172,7 @@ def test_rotary_axes(tmp_path, spec, shift, turn, column, step):
 DATA = Path(__file__).parents[3] / "data" / "p02-bridge"
 
 
+@pytest.mark.thorough
 @pytest.mark.one_in(2)
 @pytest.mark.parametrize(
     ("axis", "direction", "per_mm", "spec"),

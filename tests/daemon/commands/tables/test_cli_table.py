@@ -176,8 +176,7 @@ def test_a_report_has_the_pictures(model, tmp_path):
         assert words in text
 
 
-@pytest.mark.one_in(3)
-@pytest.mark.one_in(2)
+@pytest.mark.one_in(6)
 @pytest.mark.parametrize(
     ("name", "code"),
     [*((name, FOUR_AXES) for name in controller_kinds()), ("siemens-840d", FIVE_AXES)],
