@@ -178,7 +178,7 @@ def plan_survey(
                 "correct",
                 field="instruments",
                 found=", ".join(i.key for i in instruments),
-                expected="others: along an axis a laser or a step gauge",
+                expected="more time, or others: along an axis a laser or a step gauge",
             )
         placed = {s.instrument.key for s in (*found, *fine)}
         return replace(

@@ -106,7 +106,8 @@ def test_the_model(browser: Browser, tmp_path: Path) -> None:
         assert_for_everybody(found.value)
         page.bring_to_front()
         assert_found_in_english(page)
-        # switched, it stays switched
+        # switched, it stays switched, and shows the view that it showed
+        expect(page.locator("#tab-watch")).to_have_attribute("aria-selected", "true")
         page.reload()
         expect(page.locator("#tab-compare")).to_have_text("1 Compare")
         assert_quiet(seen, bench)

@@ -104,7 +104,7 @@ def test_from_the_first_step_to_the_certificate(tmp_path: Path) -> None:
             seen = visit(browser, bench, until=".calibration[data-ready]")
             page = seen.page
             page.locator("summary", has_text="What is asked for").click()
-            for name, text in {"time": "20min", "check_time": "60min", "tools": "P=0,0,-150",
+            for name, text in {"time": "30min", "check_time": "60min", "tools": "P=0,0,-150",
                                "controller": "linuxcnc"}.items():  # fmt: skip
                 page.fill(f"#ask-{name}", text)
             page.click("#ask")

@@ -18,7 +18,13 @@ from abbe.compcore.figures.places import places
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.daemon.workbench.entrance.asked import AskedOfWorkbench
-from abbe.daemon.workbench.residuals.cells import CellPicture, Mask, across, cell_picture
+from abbe.daemon.workbench.residuals.cells import (
+    CellPicture,
+    Mask,
+    across,
+    cell_picture,
+    share_rows,
+)
 
 F64 = NDArray[np.float64]
 
@@ -97,7 +103,7 @@ class ManyResiduals:
         self._shown, self._tables = shown, tables
         self._length = np.isin(campaign.kind, LENGTHS)
         self._value = residual * np.where(self._length, 1e3, 1e6)
-        self._component = campaign.measured_components()
+        component = campaign.measured_components()
         size = np.abs(np.nan_to_num(self._value))
         reach = np.array(
             [
@@ -107,8 +113,9 @@ class ManyResiduals:
         )
         self._panels = list(panels)
         self._pictures: list[CellPicture] = [
-            cell_picture(campaign, panel, self._value, self._component, reach) for panel in panels
+            cell_picture(campaign, panel, self._value, component, reach) for panel in panels
         ]
+        share_rows(self._pictures)
 
     def pictures(self) -> list[dict[str, Any]]:
         """All rows, counted, picture by picture."""
@@ -168,7 +175,8 @@ class ManyResiduals:
             return chosen if c.setup is None else chosen & c.setup_rows().mask(wanted["setup"])
         if "direction" in wanted:
             side = c.direction(wanted["axis"]) == wanted["direction"]
-            return np.asarray(chosen & side & (self._component == wanted["measured"]))
+            own = self._campaign.measured_components() == wanted["measured"]
+            return np.asarray(chosen & side & own)
         if "signal" in wanted:
             at = c.signals[wanted["signal"]]
         elif "axis" in wanted:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,7 +15,7 @@ from abbe.compcore.machine.structure import is_rotary
 
 F64 = NDArray[np.float64]
 Mask = NDArray[np.bool_]
-Cell = NDArray[np.int32]
+Cell = NDArray[np.uint16]
 
 ACROSS, UP = 160, 84
 """Cells of a picture: two or three of the screen's dots each."""
@@ -124,7 +124,14 @@ def cell_picture(
     # set-ups are beside one another by chance
     means = [[] for _ in SIDES] if panel["by"] == "setup" else _means(x, y, side, ends)
     cell = (side * UP + row) * ACROSS + column
-    return CellPicture(rows.astype(np.int32), cell.astype(np.int32), ends, means)
+    return CellPicture(rows.astype(np.int32), cell.astype(np.uint16), ends, means)
+
+
+def share_rows(pictures: list[CellPicture]) -> None:
+    """Pictures that have the same rows keep them once; against each signal they are all there."""
+    for k, picture in enumerate(pictures):
+        same = (p.rows for p in pictures[:k] if np.array_equal(p.rows, picture.rows))
+        pictures[k] = replace(picture, rows=next(same, picture.rows))
 
 
 def _ends(x: F64) -> tuple[float, float]:

@@ -20,9 +20,11 @@ const CHANGES = ["/api/add", "/api/fit", "/api/back", "/api/note", "/api/campaig
 /** Where a change is seen; elsewhere what is shown stays. */
 const LEADS = {"/api/add": "watch", "/api/fit": "watch", "/api/campaigns/use": "compare"};
 const QUICK = 250, CALM = 1500; // ms between two looks at the server
+/** Where a window keeps which view it shows: another language, or the page loaded anew, goes on there. */
+const KEPT = "abbe-view";
 const $ = (id) => document.getElementById(id);
 const view = $("view");
-let tab = null, own = null, seen = null, state = null, ended = false, mine = false, drawing = 0;
+let tab = sessionStorage.getItem(KEPT), own = null, seen = null, state = null, ended = false, mine = false, drawing = 0;
 let away = false, about = "", heading = null;
 // asked for before anything else is known
 let headAsked = get("/api/head");
@@ -38,6 +40,7 @@ function missed(error) {
 /** Show a tab; what it needs is computed if nobody has asked for it yet. */
 async function show(name) {
   tab = name;
+  sessionStorage.setItem(KEPT, name);
   // clicked before anything is known: the first look at the server shows it
   if (!state) return;
   for (const t of TABS) {
