@@ -14,6 +14,7 @@ from abbe.compcore.diagnosis.changed import Change, Standing
 from abbe.compcore.diagnosis.findings import Established, Findings
 from abbe.compcore.diagnosis.hidden_waves import hidden_waves
 from abbe.compcore.diagnosis.judging.aliases import Alias
+from abbe.compcore.diagnosis.screening.levers import grows, shift_of
 from abbe.compcore.diagnosis.screening.parameters import Estimate
 from abbe.compcore.diagnosis.uncatalogued.residual_pattern import ResidualPattern
 from abbe.compcore.effects import RotaryLocation, SpindleLocation
@@ -69,6 +70,7 @@ def explained(established: Established, diagnosis: Findings) -> list[Sentence]:
             "in it.",
             names="; ".join(names),
         ))  # fmt: skip
+    parts += _deciding(effect, established.aliases)
     if late is None and (cause := section(effect, "Typical causes")):
         parts.append(said("Typical causes: {causes}", causes=_of_page(_sentence(cause))))
     if late is None and (cure := section(effect, "Cure")):
@@ -96,6 +98,25 @@ def _alternatives(aliases: Sequence[Alias]) -> list[str]:
     first = {e.kind: e for e in reversed(effects)}
     own = [e for e in effects if first[e.kind] is e]
     return [e.spec for e in (own + [e for e in effects if e not in own])[:_SHOWN]]
+
+
+def _deciding(shift: Effect, aliases: Sequence[Alias]) -> list[Sentence]:
+    """Where a growth or a lean shows that one place, or one lever, does not tell from a shift."""
+    others = [a.found.candidate.effect for a in aliases if shift.signals_needed()]
+    others = [e for e in others if shift_of(shift, e)]
+    axes = sorted({e.where()["axis"] for e in others if grows(e)})
+    parts = [
+        said(
+            "Warm at another {axis} decides: a shift is the same everywhere, a growth is not.",
+            axis=axis,
+        )
+        for axis in axes
+    ]
+    if any(not grows(e) for e in others):
+        parts.append(said(
+            "Warm with a tool of another length decides: a shift stays the same, a lean does not."
+        ))  # fmt: skip
+    return parts
 
 
 def doubts_of(estimates: Sequence[Estimate]) -> list[Sentence]:

@@ -261,9 +261,16 @@ def _diagnosed(
         known = beside_which_it_holds(given, result, pool, background, established)
         established = established if known is None else reported(known)
     # what predicts best what was left out is offered first; the machine's before an instrument's
-    # that nothing was measured without
+    # that nothing was measured without, and what can be before what no sound machine shows
     established = tuple(
-        sorted(established, key=lambda e: (e.found.candidate.everywhere, -e.cross_validated_gain))
+        sorted(
+            established,
+            key=lambda e: (
+                e.found.candidate.everywhere,
+                not all(p.plausible for p in e.estimates),
+                -e.cross_validated_gain,
+            ),
+        )
     )
     if whole is not result and established:
         progress("what was found, on all rows")

@@ -61,11 +61,8 @@ if TYPE_CHECKING:
     )
     from abbe.compcore.effects.catalogue.rotary.spindle import SpindleSquareness
     from abbe.compcore.effects.catalogue.temperature.angles import ThermalBending, ThermalTilt
-    from abbe.compcore.effects.catalogue.temperature.lengths import (
-        ScaleExpansion,
-        ScrewHeating,
-        ThermalOffset,
-    )
+    from abbe.compcore.effects.catalogue.temperature.lengths import ScaleExpansion, ScrewHeating
+    from abbe.compcore.effects.catalogue.temperature.shifts import ThermalOffset
     from abbe.compcore.effects.catalogue.workpiece import WorkpieceExpansion
 
 __all__ = [

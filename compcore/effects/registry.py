@@ -34,6 +34,7 @@ FAMILIES: dict[str, str] = {
     "gravity": "Elastic, not rigid",
     "error_grid": "Measured as a whole",
     "temperature.lengths": "Thermal",
+    "temperature.shifts": "Thermal",
     "temperature.angles": "Thermal",
     "events": "Over time",
     "dynamic": "Dynamic",

@@ -7,10 +7,12 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
+from pydantic import model_validator
 
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import F64, Effect, Motion, NonlinearParameter
-from abbe.compcore.effects.keys import Tau
+from abbe.compcore.effects.keys import Pair, Tau
+from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine, Signal
 
@@ -165,3 +167,52 @@ class LaggedEffect(Effect):
             conditions, signals=signals, given_lags=lags, _lags={}, _known=None, _made={}
         )
         return self.motions(machine, decaying, nonlinear)
+
+
+class OneOrTwoSignals(LaggedEffect):
+    """An effect by the excess of one signal, or by the difference of two (``signals``)."""
+
+    signal: str | None = None
+    signals: Pair | None = None
+
+    @model_validator(mode="before")
+    @classmethod
+    def _one_of_a_list(cls, keys: object) -> object:
+        if isinstance(keys, dict) and keys.get("signal") is None:
+            names = keys.get("signals")
+            names = names.split(",") if isinstance(names, str) else names
+            if isinstance(names, list | tuple) and len(names) == 1:
+                rest = {k: v for k, v in keys.items() if k != "signals"}
+                return {**rest, "signal": names[0]}
+        return keys
+
+    @model_validator(mode="after")
+    def _one_or_two(self) -> OneOrTwoSignals:
+        if (self.signal is None) == (self.signals is None):
+            raise InputError(
+                f"{self.kind} needs one signal or two signals, not both",
+                expected="signal=T or signals=T1,T2",
+            )
+        return self
+
+    def check(self, machine: Machine) -> None:
+        """Known signals; two are different and of one unit."""
+        super().check(machine)
+        if self.signals is not None:
+            two_alike(machine, self.signals)
+
+    def heat(self, machine: Machine, conditions: Conditions, tau: float | None) -> F64:
+        """``T − T0`` of the one signal, ``T1 − T2`` of two, shape (n,)."""
+        parts = [excess(machine, conditions, s, tau) for s in self.signals_needed()]
+        return parts[0] if self.signal is not None else parts[0] - parts[1]
+
+
+def two_alike(machine: Machine, names: tuple[str, str]) -> None:
+    """Refuse a difference of a signal with itself, or of two units."""
+    units = [machine.signals[name].unit for name in names]
+    if names[0] == names[1] or units[0] != units[1]:
+        raise InputError(
+            "the difference needs two signals of one unit",
+            field="signals",
+            found=", ".join(f"{n} in {u}" for n, u in zip(names, units, strict=True)),
+        )

@@ -11,12 +11,13 @@ is one too: then either may be part of the cause.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
+from abbe.compcore.diagnosis.screening.levers import shift_of
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis, orthonormal
 
@@ -77,7 +78,11 @@ def aliases(
     imitated = pool.imitated(background, signature)
     cause = winner.candidate.cause
     found: list[Alias] = []
-    for other in others:
+    for each in others:
+        other = _at_its_lag(pool, background, winner, each)
+        if other is not each:
+            (seen,) = pool.weighed(background.with_residual(signature), [other])
+            imitated[other.key] = seen.screened.drop
         if other.key not in imitated or other.candidate.cause == cause:
             continue  # the same cause in other detail is no alias
         missed = max(0.0, strength - imitated[other.key])
@@ -87,3 +92,20 @@ def aliases(
             found.append(Alias(other, separation, float(np.sqrt(1.0 - missed / strength))))
     found.sort(key=lambda a: (-a.found.evidence.value, a.separation))
     return found
+
+
+def _at_its_lag(
+    pool: Pool, background: Basis, winner: WeighedCandidate, other: WeighedCandidate
+) -> WeighedCandidate:
+    """What grows or leans by the signals of a shift that lags behind them, behind the same lag.
+
+    It was tried at a few lags only, each some way off.
+    """
+    lag = winner.screened.nonlinear
+    if not lag or lag.keys() != other.screened.nonlinear.keys():
+        return other
+    if not shift_of(winner.candidate.effect, other.candidate.effect):
+        return other
+    same = replace(other, screened=replace(other.screened, nonlinear=lag))
+    (weighed,) = pool.weighed(background, [same])
+    return weighed

@@ -16,6 +16,7 @@ from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import effect_kinds
+from abbe.compcore.effects.signals import LAGGING, LaggedEffect
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.detail import finer, no_finer_than_seen
 from abbe.compcore.machine.machine import Machine
@@ -176,6 +177,10 @@ def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
     machine = model.machine
     few = len(campaign.setups) < FOLDS
     for effect in model.effects:
+        if _follows_late(effect, campaign, machine):
+            late = effect.model_copy(update={"tau": "fit"})
+            choices = tuple(_choices(late, machine, campaign.coverage()))
+            yield Candidate(late, cost_of(late, machine, 1), choices)
         axis = getattr(effect, "axis", None)
         if axis is None or axis not in campaign.conditions.positions:
             continue
@@ -185,6 +190,21 @@ def _refinements(model: Model, campaign: Campaign) -> Iterator[Candidate]:
                 continue
             refined = effect.model_copy(update=detail)
             yield Candidate(refined, cost_of(refined, machine, 1))
+
+
+def _follows_late(effect: Effect, campaign: Campaign, machine: Machine) -> bool:
+    """Whether a body that a model moves at once by a signal may follow it late.
+
+    The signal is then not measured on that body itself.
+    """
+    names = effect.signals_needed()
+    return (
+        isinstance(effect, LaggedEffect)
+        and effect.tau is None
+        and bool(campaign.coverage().duration)
+        and all(machine.signals[name].role in LAGGING for name in names)
+        and set(names) <= set(campaign.coverage().signals)
+    )
 
 
 def _choices(effect: Effect, machine: Machine, coverage: Coverage) -> Iterator[Mapping[str, float]]:

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.diagnosis.screening.candidates import PLAIN, RIGID
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT, log_chance, price_of
+from abbe.compcore.diagnosis.screening.levers import WITH_A_LEVER, shift_of
 from abbe.compcore.diagnosis.screening.pool import SIGNIFICANT, Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis, orthonormal
 from abbe.compcore.diagnosis.screening.projection.falls import drops_together
@@ -32,14 +33,6 @@ _SEEN = 1e-4
 """Eigenvalues of what two causes span together, below which both say the same."""
 _ROUNDING = 1e-12
 """Part of χ² below which what is left is rounding."""
-_SHIFTS = {
-    "positioning": "angular",
-    "straightness": "angular",
-    "rotary_radial": "rotary_tilt",
-    "rotary_axial": "rotary_tilt",
-}
-"""Shifts of an axis, and the turn of it that says the same to a tool of one length."""
-
 _NO_LEVER = 2.0
 """Evidence that a turn must have before the shift that it would be without a lever, as of a
 reversal angle before a backlash."""
@@ -181,7 +174,7 @@ def _established(
 def _leading(ranked: Sequence[WeighedCandidate]) -> list[WeighedCandidate]:
     """The strongest candidates, and the shifts that turns among them are without a lever."""
     first = list(ranked[:LEADERS])
-    turns = [g for g in first if g.candidate.effect.kind in _SHIFTS.values()]
+    turns = [g for g in first if g.candidate.effect.kind in WITH_A_LEVER]
     return first + [f for f in ranked[LEADERS:] if any(_shift_of(f, g) for g in turns)]
 
 
@@ -308,11 +301,9 @@ def _rarer(found: WeighedCandidate, other: WeighedCandidate) -> bool:
 
 
 def _shift_of(found: WeighedCandidate, best: WeighedCandidate) -> bool:
-    """Whether one is the shift of an axis that a turn of it is where no lever differs."""
-    shift, turn = found.candidate.effect, best.candidate.effect
+    """Whether one is the shift that another is where nothing differs, and nothing says it does."""
     return (
-        _SHIFTS.get(shift.kind) == turn.kind
-        and getattr(shift, "axis", None) == getattr(turn, "axis", "")
+        shift_of(found.candidate.effect, best.candidate.effect)
         and found.evidence.value > best.evidence.value - _NO_LEVER
     )
 

@@ -15,7 +15,7 @@ from abbe.compcore.diagnosis.uncatalogued.chosen import grown
 from abbe.compcore.diagnosis.uncatalogued.descriptions import LEAST
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.effects.catalogue.temperature.lengths import ThermalOffset
+from abbe.compcore.effects.catalogue.temperature.shifts import ThermalOffset
 from abbe.compcore.effects.signals import LaggedEffect
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.revise import with_effect, without_effect

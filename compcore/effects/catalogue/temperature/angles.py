@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 
 import numpy as np
-from pydantic import model_validator
 
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import ABOUT, F64, AxisLetter, ErrorMotion, Motion, Parameter
@@ -15,12 +14,14 @@ from abbe.compcore.effects.signals import (
     ACTING,
     LAGGING,
     LaggedEffect,
+    OneOrTwoSignals,
     by_sense,
     excess,
     heats,
     pairs_by_sense,
     per,
     recorded,
+    two_alike,
 )
 from abbe.compcore.effects.targets import TRANSLATIONS, require_linear
 from abbe.compcore.errors import InputError
@@ -69,7 +70,7 @@ class ThermalBending(LaggedEffect):
         """A linear axis, two different signals of one unit, a deflection only across the axis."""
         super().check(machine)
         require_linear(machine, self.axis, self.kind)
-        _two_alike(machine, self.signals)
+        two_alike(machine, self.signals)
         if self.deflection and np.linalg.norm(self._across(machine.axis(self.axis))) < 1e-6:
             raise InputError(
                 "a twist about the axis itself has no deflection",
@@ -140,7 +141,7 @@ class ThermalBending(LaggedEffect):
 
 
 @register
-class ThermalTilt(LaggedEffect):
+class ThermalTilt(OneOrTwoSignals):
     """A constant angle that moves with temperature: squareness that is right at 20 °C only.
 
     Formula
@@ -166,34 +167,6 @@ class ThermalTilt(LaggedEffect):
     kind = "thermal_tilt"
     axis: str
     about: AxisLetter
-    signal: str | None = None
-    signals: Pair | None = None
-
-    @model_validator(mode="before")
-    @classmethod
-    def _one_of_a_list(cls, keys: object) -> object:
-        if isinstance(keys, dict) and keys.get("signal") is None:
-            names = keys.get("signals")
-            names = names.split(",") if isinstance(names, str) else names
-            if isinstance(names, list | tuple) and len(names) == 1:
-                rest = {k: v for k, v in keys.items() if k != "signals"}
-                return {**rest, "signal": names[0]}
-        return keys
-
-    @model_validator(mode="after")
-    def _one_or_two(self) -> ThermalTilt:
-        if (self.signal is None) == (self.signals is None):
-            raise InputError(
-                "thermal_tilt needs one signal or two signals, not both",
-                expected="signal=T or signals=T1,T2",
-            )
-        return self
-
-    def check(self, machine: Machine) -> None:
-        """Known signals; two are different and of one unit."""
-        super().check(machine)
-        if self.signals is not None:
-            _two_alike(machine, self.signals)
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The turn by temperature."""
@@ -206,9 +179,7 @@ class ThermalTilt(LaggedEffect):
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
     ) -> tuple[Motion, ...]:
         """``T − T0`` or ``T1 − T2`` on the turn."""
-        tau = self.lag(nonlinear)
-        parts = [excess(machine, conditions, s, tau) for s in self.signals_needed()]
-        heat = parts[0] if self.signal is not None else parts[0] - parts[1]
+        heat = self.heat(machine, conditions, self.lag(nonlinear))
         return (Motion(ErrorMotion(self.axis, ABOUT[self.about]), heat[:, None]),)
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
@@ -241,16 +212,6 @@ class ThermalTilt(LaggedEffect):
                         yield cls(axis=axis, about=about, signal=signal.name, tau="fit")
                 for pair in (p for p in pairs if not _of_structure(p)):
                     yield cls(axis=axis, about=about, signals=(pair[0].name, pair[1].name))
-
-
-def _two_alike(machine: Machine, names: tuple[str, str]) -> None:
-    units = [machine.signals[name].unit for name in names]
-    if names[0] == names[1] or units[0] != units[1]:
-        raise InputError(
-            "the difference needs two signals of one unit",
-            field="signals",
-            found=", ".join(f"{n} in {u}" for n, u in zip(names, units, strict=True)),
-        )
 
 
 def _of_structure(pair: tuple[Signal, Signal]) -> bool:
