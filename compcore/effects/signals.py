@@ -208,7 +208,13 @@ class OneOrTwoSignals(LaggedEffect):
 
 
 def two_alike(machine: Machine, names: tuple[str, str]) -> None:
-    """Refuse a difference of a signal with itself, or of two units."""
+    """Refuse a difference of a signal with itself, or of two units.
+
+    Raises
+    ------
+    InputError
+        Naming both.
+    """
     units = [machine.signals[name].unit for name in names]
     if names[0] == names[1] or units[0] != units[1]:
         raise InputError(
