@@ -54,6 +54,7 @@ def test_the_live_view(browser: Browser, tmp_path: Path, scheme: str, locale: st
                 assert_for_everybody(page)
                 page.set_viewport_size({"width": 360, "height": 800})
                 assert_for_everybody(page)
+                page.set_viewport_size({"width": 3840, "height": 2160})
             page.wait_for_selector(".live[data-seen=lost]")
             assert_for_everybody(page)
             assert [e for e in seen.errors if "409" not in e] == []
@@ -61,11 +62,11 @@ def test_the_live_view(browser: Browser, tmp_path: Path, scheme: str, locale: st
 
 @pytest.mark.thorough
 def test_compare_learn_and_watch(browser: Browser, tmp_path: Path) -> None:
-    """In English and light; German and dark in `test_workbench_german.py`."""
+    """English, light, 4K; German and dark on a smaller screen in `test_workbench_german.py`."""
     campaign = some_setups(BRIDGE / "fit.csv", tmp_path / "some.csv", every=3)
     files = (BRIDGE / "model.toml", campaign, "--versions", tmp_path / "versions")
     with opened(*files) as bench:
-        seen = visit(browser, bench, color_scheme="light", reduced_motion="reduce")
+        seen = visit(browser, bench, 3840, color_scheme="light", reduced_motion="reduce")
         page = seen.page
         page.wait_for_selector("h1.bad")
         assert_for_everybody(page)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePath
 from typing import Any
 
 from abbe.compcore.campaign.campaign import Campaign
@@ -38,11 +38,16 @@ class HeldOutCampaigns:
 
     def notes(self) -> Iterator[str]:
         """What is not new about them, for people."""
-        for file, found in self.shared.items():
+        for path, found in self.shared.items():
+            # where it lies says nothing to whoever dropped it on a page
+            file = PurePath(path).name
             if found.rows:
-                yield (
-                    f"NOT HELD OUT: {found.rows} of {found.of} rows of {file} are among the rows "
-                    "that are fitted; the figures below flatter the model"
+                yield said(
+                    "NOT HELD OUT: {rows} of {of} rows of {file} are among the rows that are "
+                    "fitted; the figures below flatter the model",
+                    rows=found.rows,
+                    of=found.of,
+                    file=file,
                 )
             elif found.setups:
                 names = ", ".join(found.setups[:_MOST_LISTED])

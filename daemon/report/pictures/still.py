@@ -31,6 +31,11 @@ F64 = NDArray[np.float64]
 _EYE = (1.25, 1.25, 1.25)
 """Where Plotly stands at first, in units of the box."""
 _SHADES = 21
+_NARROW = (
+    "<style>@media(max-width:30rem){.still text{font-size:19px}"
+    ".still path{vector-effect:non-scaling-stroke}}</style>"
+)
+"""On a telephone, where the drawing is half as large, its numbers and lines are not."""
 
 
 def still(figure: Mapping[str, Any]) -> str:
@@ -63,7 +68,7 @@ def still(figure: Mapping[str, Any]) -> str:
     return (
         f'<svg class="still" role="img" viewBox="0 0 {WIDTH:g} {HEIGHT:g}" '
         'xmlns="http://www.w3.org/2000/svg" font-size="12" '
-        f'fill="none" stroke-linecap="round">{"".join(parts)}</svg>'
+        f'fill="none" stroke-linecap="round">{_NARROW}{"".join(parts)}</svg>'
     )
 
 

@@ -25,6 +25,8 @@ WITHIN = 300.0
 """s in which all has to be there."""
 _LONGEST_NAME = 120
 _NAME = re.compile(r"[\w+(][\w .,+()=°-]*\.csv", re.IGNORECASE)
+_DEVICE = re.compile(r"(con|prn|aux|nul|(com|lpt)[0-9¹²³]) *\.", re.IGNORECASE)
+"""How names begin that Windows takes for a device: what a folder holds may go there."""
 _PACKED = (b"PK", b"\x1f\x8b", b"BZh", b"\xfd7zXZ", b"7z\xbc\xaf", b"Rar!", b"\x28\xb5\x2f\xfd")
 """How files begin that hold others."""
 
@@ -35,13 +37,17 @@ def named(name: str) -> str:
     Raises
     ------
     HTTPException
-        Where it is none: a path, markup, control characters, too long, no ``.csv``.
+        Where it is none: a path, a device, markup, control characters, too long, no ``.csv``.
     """
     if len(name.encode("utf-8", "replace")) > _LONGEST_NAME or not _NAME.fullmatch(name):
         raise HTTPException(
             422,
             "this name cannot be taken: a campaign's name has letters, figures, spaces and "
             f". , + ( ) = - only, at most {_LONGEST_NAME} bytes, and ends with .csv; rename it",
+        )
+    if _DEVICE.match(name):
+        raise HTTPException(
+            422, "this name cannot be taken: Windows keeps it for a device; rename it"
         )
     return name
 

@@ -34,6 +34,7 @@ NAMES = (
     "/etc/x.csv", "a/b.csv", "x.csv\r\nset-cookie: abbe=1", "nul\0.csv",
     "<img src=x onerror=alert(1)>.csv",
     "a&quot;.csv", "C:x.csv", "x.csv ", f"{'x' * 200}.csv", "\u202egnp.csv",
+    "day\u202evsc.csv", "day.csv.", "day.csv. ", "CON.csv", "aux.day.csv", "Lpt1 .csv",
 )  # fmt: skip
 ZIPPED = io.BytesIO()
 with zipfile.ZipFile(ZIPPED, "w", zipfile.ZIP_DEFLATED) as _zip:

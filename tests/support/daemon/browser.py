@@ -16,7 +16,7 @@ from tests.support.daemon.workbench import OpenedWorkbench
 
 PATIENCE_MS = 120_000.0
 """What anything may take on a busy machine."""
-WIDTHS = (360, 1280, 2560)
+WIDTHS = (360, 1280, 3840)
 RULES = ["wcag2a", "wcag2aa", "wcag21a", "wcag21aa", "wcag22aa", "best-practice"]
 
 INK = """(canvas) => {

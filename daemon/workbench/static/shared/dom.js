@@ -36,7 +36,8 @@ export function table(title, columns, found, last = null) {
   // a column without a name is no heading
   const head = columns.map((name, k) => (name ? el("th", {scope: "col", class: side(k)}, label(name)) : el("td", {})));
   const body = cells.map((row, i) => el("tr", {},
-    ...row.map((text, k) => el("td", {class: side(k) ?? (text?.length > LONG ? "long" : null)}, text)),
+    ...row.map((text, k) => el("td", {class: side(k) ?? (text?.length > LONG ? "long" : null)},
+      SHA256.test(text) ? el("code", {class: "sha"}, text) : text)),
     last ? el("td", {}, last(i)) : null));
   // what is wider than the window is scrolled with keys, too
   const words = title || columns.filter(Boolean).map(label).join(", ");
@@ -117,6 +118,7 @@ export function keepingTyped(place, redraw) {
 }
 
 const LONG = 24; // letters of a cell that may be broken anywhere on paper
+const SHA256 = /^[0-9a-f]{64}$/;
 let plotly = null;
 
 /** Draw a Plotly figure; the library is fetched when the first is drawn. */

@@ -75,7 +75,7 @@ def test_shared_rows_are_said(tmp_path):
     mixed = written(tmp_path / "mixed.csv", other_head, [*other, *rows[:40]])
     done = add(tmp_path / "next.toml", mixed)
     assert done.status == 0, done.err
-    assert f"NOT HELD OUT: 40 of {len(other) + 40} rows" in " ".join(done.out.split())
+    assert f"NOT HELD OUT: 40 of {len(other) + 40} rows of mixed.csv" in " ".join(done.out.split())
     found = json.loads(add(tmp_path / "next.toml", mixed, "--json", "--force").out)
     assert found["holdout_shares"]["rows"] == 40
 
