@@ -51,6 +51,7 @@ def test_step_by_step_by_clicking(machine: SimulatedProcess, tmp_path: Path) -> 
         page.locator("summary", has_text="What is asked for").click()
         page.fill("#ask-time", "30min")
         page.fill("#ask-tools", "P=0,0,-150")
+        page.fill("#ask-controller", "linuxcnc")
         page.click("#ask")
         expect(page.locator("li[data-state=next]")).to_have_attribute("data-step", "start")
         for name in ("start", "plan"):
@@ -78,6 +79,8 @@ def test_step_by_step_by_clicking(machine: SimulatedProcess, tmp_path: Path) -> 
         write_plan(folder / "plan.toml", line_plan("one", "X", (100.0, 200.0)),
                    line_plan("two", "Y", (100.0, 200.0)))  # fmt: skip
         expect(pictures).to_have_count(2)
+        page.wait_for_selector('div[data-step="program"] #go')
+        page.click("#go")
         # without the role nothing is measured
         page.wait_for_selector('div[data-step="measure"] #go')
         page.click("#go")
@@ -104,6 +107,8 @@ def test_step_by_step_by_clicking(machine: SimulatedProcess, tmp_path: Path) -> 
         model = load_model(tmp_path / "model.toml")
         kept = read_campaign(folder / "campaign.csv", model.machine)
         assert kept.n == 4
+        # the feed is that of the program
+        assert "3000 mm/min" in (folder / "campaign.csv").read_text("utf-8")
         expect(page.locator("li[data-state=next]")).to_have_attribute("data-step", "measure")
         assert [e for e in seen.errors if "403" not in e] == []
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
@@ -102,7 +102,7 @@ def _measured(
     visits = file(VISITS) if request.by_file else campaign
 
     def measured() -> None:
-        _measure(request, plan_file, visits, None)
+        _measure(request, plan_file, visits, None, _program_settings(request, state, "program"))
 
     yield CalibrationStep("measure", "measuring", (plan_file,), (visits,), measured)
     if request.by_file:
@@ -117,8 +117,7 @@ def _program(
     out: Path,
     model: Path,
 ) -> Iterator[CalibrationStep]:
-    record = state.steps.get(name)
-    settings = request.program_settings(None if record is None else record.settings)
+    settings = _program_settings(request, state, name)
 
     def made() -> None:
         from abbe.daemon.commands.measurements.program import program
@@ -131,6 +130,14 @@ def _program(
 
     if request.controller and not request.touches:
         yield CalibrationStep(name, "the program of it", (plan_file,), (out,), made, settings)
+
+
+def _program_settings(
+    request: CalibrationRequest, state: CalibrationState, name: str
+) -> dict[str, str]:
+    """How the program of a step is made, or was where nothing else is asked for."""
+    record = state.steps.get(name)
+    return request.program_settings(None if record is None else record.settings)
 
 
 def _readings(
@@ -244,7 +251,8 @@ def _verified(
     visits = file(CHECK_VISITS) if request.by_file else check
 
     def measured() -> None:
-        _measure(request, plan_file, visits, active)
+        settings = _program_settings(request, state, "check-program")
+        _measure(request, plan_file, visits, active, settings)
 
     yield CalibrationStep("check", "these lines measured", (plan_file,), (visits,), measured)
     if request.by_file:
@@ -287,7 +295,13 @@ def _live(
     )
 
 
-def _measure(request: CalibrationRequest, plan_file: Path, out: Path, active: Path | None) -> None:
+def _measure(
+    request: CalibrationRequest,
+    plan_file: Path,
+    out: Path,
+    active: Path | None,
+    settings: Mapping[str, str],
+) -> None:
     from abbe.daemon.commands.measurements.measure import run
     from abbe.daemon.measure.show import telling
     from abbe.daemon.report.language import ENGLISH, language
@@ -298,7 +312,7 @@ def _measure(request: CalibrationRequest, plan_file: Path, out: Path, active: Pa
     with telling(as_json=request.as_json, say=say) as tell:
         run(
             plan_file, request.config, out, (), tell, yes=request.yes, once=False, active=active,
-            conditions={"feed": f"{request.feed:g} mm/min"} if request.controller else {},
+            conditions={"feed": f"{settings['feed']} mm/min"} if request.controller else {},
         )  # fmt: skip
 
 

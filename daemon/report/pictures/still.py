@@ -126,7 +126,7 @@ def _scale(
     anchor = "end" if away[0] < -0.3 else "start" if away[0] > 0.3 else "middle"
     for (x, y), value in zip(where[:-1] + 12.0 * away, ticks, strict=True):
         yield text(x, y + 4.0, f"{value:g}".replace("-", "−"), anchor)
-    x, y = where[-1] + (44.0 if k < 2 else 62.0) * away
+    x, y = where[-1] + (50.0 if k < 2 else 72.0) * away
     if k == 2:
         yield text(x, y + 4.0, title, "middle", turned=True)
     else:
