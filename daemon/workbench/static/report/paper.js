@@ -47,7 +47,8 @@ function headOf(head, name, version) {
 function sheetFoot(head, name) {
   const facts = head.facts.map(([key, text]) => `${label(key)}: ${label(moment(text)) || t("not stated")}`);
   const files = head.files.map(([part, file, sha]) => `${label(part)}: ${file} (${sha.slice(0, SHORT) || "–"})`);
-  return el("div", {class: "sheet-foot"}, el("p", {}, [`${head.machine}: ${name}`, ...facts, ...files].join(" · ")));
+  return el("div", {class: "sheet-foot"}, el("p", {}, [`${head.machine}: ${name}`, ...facts, ...files,
+    `Abbe ${head.abbe}`].join(" · ")));
 }
 
 /** A copy of what is seen; what is folded is left out. */
