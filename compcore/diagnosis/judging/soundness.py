@@ -7,6 +7,7 @@ import math
 import numpy as np
 
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
+from abbe.compcore.diagnosis.screening.several_waves import one_wave, waves_of
 from abbe.compcore.effects import ScaleExpansion
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.fit import FitResult
@@ -28,12 +29,16 @@ _TWO = 2.0
 
 
 def apart(model: Model, effect: Effect) -> bool:
-    """Whether the time constants of two bodies behind one signal are two.
+    """Whether the time constants of two bodies behind one signal are two, or the waves of an axis.
 
     Of nearly the same two lags the difference is a derivative: it follows noise, and foretells
-    nothing.
+    nothing. Two waves of nearly the same period are one that grows.
     """
     values = next((t.values for t in model.terms if t.effect == effect), {})
+    if "period" in values and any(
+        one_wave(effect, model, values["period"].value, other) for other in waves_of(model, effect)
+    ):
+        return False
     if "tau2" not in values or "tau" not in values:
         return True
     one, other = (values[name].value for name in ("tau", "tau2"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -14,6 +14,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS
+from abbe.compcore.diagnosis.screening.several_waves import one_wave, waves_of
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.effects.signals import LAGGING, LaggedEffect
@@ -119,7 +120,9 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
             cost = cost_of(effect, machine, len(campaign.setups))
             expected = effect.kind in RIGID or effect.kind in PLAIN
             cost += RIGID_BODY if expected else 0.0
-            choices = tuple(_choices(effect, machine, coverage))
+            choices = tuple(_unlike(effect, model, tuple(_choices(effect, machine, coverage))))
+            if not choices:
+                continue
             everywhere = acts_everywhere(effect, coverage)
             found.append(Candidate(effect, cost, choices, everywhere, expected))
     found += list(_refinements(model, campaign))
@@ -205,6 +208,16 @@ def _follows_late(effect: Effect, campaign: Campaign, machine: Machine) -> bool:
         and all(machine.signals[name].role in LAGGING for name in names)
         and set(names) <= set(campaign.coverage().signals)
     )
+
+
+def _unlike(
+    effect: Effect, model: Model, choices: Sequence[Mapping[str, float]]
+) -> Iterator[Mapping[str, float]]:
+    """Of the choices of one more wave of an axis those that are not a wave that it has."""
+    known = waves_of(model, effect)
+    for chosen in choices:
+        if not known or all(not one_wave(effect, model, chosen["period"], k) for k in known):
+            yield chosen
 
 
 def _choices(effect: Effect, machine: Machine, coverage: Coverage) -> Iterator[Mapping[str, float]]:

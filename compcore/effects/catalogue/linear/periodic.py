@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
+from typing import Annotated
 
 import numpy as np
+from pydantic import Field
 
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.campaign.sampling import alias
@@ -19,6 +21,12 @@ from abbe.compcore.machine.machine import WHOLE_TURN, Axis, Machine, own_compone
 LEADS_MM = (10.0, 5.0, 20.0, 6.0, 8.0, 4.0, 12.0, 16.0, 25.0, 40.0, 32.0, 30.0, 50.0, 2.5, 2.0)
 """Leads of ball screws, mm (ISO 3408-2 and the makers' series between), the commonest first."""
 
+_LONGEST_LEAD = 60.0
+"""Of screws, mm; a longer wave is that of a rack's pinion."""
+_LONGEST_PINION = 500.0
+"""Way in a pinion's turn, mm: 200 to 400 of racks, of large ones to here."""
+_FEWEST_TURNS = 8.0
+"""Waves in the travel from which on a long one is taken for a pinion's."""
 _MOST_STARTS = 240
 _GREATER = 2.0
 """Times the wave from which on a harmonic of it is the wave."""
@@ -56,7 +64,7 @@ def _period(axis: Axis) -> NonlinearParameter:
         "mm",
         bounds=(0.9 * min(starts), length),
         starts=tuple(sorted(starts)),
-        plausible=(1.0, 60.0),
+        plausible=(1.0, max(_LONGEST_LEAD, min(_LONGEST_PINION, length / _FEWEST_TURNS))),
         description=f"period along {axis.name}",
         extent=True,
     )
@@ -65,7 +73,7 @@ def _period(axis: Axis) -> NonlinearParameter:
 def _told_apart(period: NonlinearParameter, step: float) -> list[float]:
     """Of the starts one each of those that readings every `step` (mm) show as the same wave."""
     apart = 1.0 / (2.0 * period.bounds[1])  # between two starts, cycles a mm
-    longest = 1.0 / period.plausible[1] - 0.1 * apart
+    longest = 1.0 / _LONGEST_LEAD - 0.1 * apart
     resolved = [p for p in period.starts if p > 2.0 * step]
     seen = [1.0 / p for p in LEADS_MM if p > 2.0 * step]
     leads: set[float] = set()
@@ -87,11 +95,15 @@ class Cyclic(Effect):
     Formula
         ``E_aa = Σ A_h·cos(2π·h·q_a/P) + B_h·sin(2π·h·q_a/P)``, h = 1 … harmonics; the period P is
         fitted unless it is given (mm, of a rotary axis degrees: 360° through the number of teeth).
+        `number` tells several waves of one axis apart, each of a period of its own: 2, 3, … up to
+        9, in no order: a rack has its pinion's turn and its teeth, a screw its lead and its
+        motor's poles.
     Parameters
     ----------
         A1, B1, A2, … in mm, within ±20 µm: a wobbling screw or an eccentric rotary encoder gives 1
         to 10 µm, the interpolation of a glass scale less than 0.5 µm. period in mm: the lead of a
-        ball screw (5 to 40 mm), its divisions by the number of motor poles or gear teeth; a
+        ball screw (5 to 40 mm), its divisions by the number of motor poles or gear teeth; the way
+        in a turn of a rack's pinion (200 to 500 mm), and the pitch of its teeth (5 to 20 mm); a
         grating's period (4 to 40 µm) must be given, no ordinary campaign samples finely enough to
         find it. Of a rotary axis rad, within ±500 µrad: a worm that runs out gives 10 to 100 µrad
         at each tooth of its wheel; the wheel's own run-out, once in a turn, is
@@ -113,6 +125,7 @@ class Cyclic(Effect):
     axis: str
     period: PositiveUnlessFitted = None
     harmonics: Harmonics = 1
+    number: Annotated[int, Field(ge=2, le=9)] | None = None
 
     def check(self, machine: Machine) -> None:
         """An axis that is positioned."""
@@ -203,6 +216,11 @@ class Cyclic(Effect):
             float(np.hypot(values[f"A{h}"], values[f"B{h}"])) for h in range(1, self.harmonics + 1)
         )
         return any(other > _GREATER * first for other in others)
+
+    def next_one(self) -> Cyclic | None:
+        """Another wave of the same axis, of a period of its own."""
+        following = (self.number or 1) + 1
+        return self.model_copy(update={"number": following}) if following <= 9 else None
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Cyclic]:
