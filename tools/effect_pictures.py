@@ -27,6 +27,9 @@ _STYLE = (
     ".dot{fill:#1565c0}.base{fill:#333}"
 )
 _LOOKS = ("after", "other")
+_SPHERE = 100.0
+"""mm: radius of the sphere that is drawn."""
+
 _BOXED = ("line", "rays", "plate", "pins")
 _POINTS = 49
 _REACH = 0.10
@@ -72,7 +75,12 @@ class _Stage:
         }
         tool = np.zeros((n, 3))
         tool[:, 2] = -column("tool", 0.0)
-        unit = np.eye(3)["XYZ".index(self.scene.u)]
+        toward = np.tile(np.eye(3)["XYZ".index(self.scene.u)], (n, 1))
+        if "around" in rows:
+            around = np.deg2rad(rows["around"])
+            toward = np.stack([np.cos(around), np.sin(around), np.zeros(n)], axis=1)
+        if "ux" in rows:
+            toward = np.stack([rows["ux"], rows["uy"], rows["uz"]], axis=1)
         return Conditions(
             positions={a: column(a, middle[a]) for a in axes},
             directions={a: column(f"{a}_dir", 0.0) for a in axes},
@@ -80,7 +88,7 @@ class _Stage:
             time=column("t", 0.0),
             signals={k: column(k, normal[k]) for k in SIGNALS},
             setup=np.full(n, "line"),
-            u=np.tile(unit, (n, 1)),
+            u=toward,
             base=np.full(n, "B" if self.scene.look == "rays" else ""),
             kind=np.full(n, 2 if self.scene.look == "rays" else 0, dtype=np.int8),
         )
@@ -130,7 +138,25 @@ class _Stage:
             return self._lattice({"X": 5, "Y": 6, "Z": 1})
         if look in ("line", "rays"):
             return [self._line()]
+        if look == "sphere":
+            return self._touches()
         return self._lattice(dict(zip("XYZ", self.scene.count, strict=True)))
+
+    def _touches(self) -> list[dict[str, F64]]:
+        """Circles around a sphere, drawn large, touched outwards; and from its pole down."""
+        around = np.linspace(0.0, 2.0 * np.pi, 49)
+        down = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 25)
+        circles = [(np.full(49, a), around) for a in (0.5 * np.pi, 1.0, 0.5)]
+        arcs = [(down, np.full(25, a)) for a in (0.0, 0.5 * np.pi)]
+        out = []
+        for polar, turn in circles + arcs:
+            u = np.stack(
+                [np.sin(polar) * np.cos(turn), np.sin(polar) * np.sin(turn), np.cos(polar)]
+            )
+            at = np.array([[350.0], [450.0], [0.0]]) + _SPHERE * u
+            at[2] += self.scene.state["tool"]
+            out.append(dict(zip(("X", "Y", "Z", "ux", "uy", "uz"), (*at, *u), strict=True)))
+        return out
 
     def _line(self) -> dict[str, F64]:
         steps = np.linspace(*self.machine.axis("X").travel, 15)

@@ -276,7 +276,7 @@ class Campaign:
             rows = order[(ends[i - 1] if i else 0) : ends[i]]
             kinds = frozenset(Kind(k).name.lower() for k in np.unique(self.kind[rows]))
             along = across = 0.0
-            spread, toward = 0, ()
+            spread, toward, all_round = 0, (), False
             if c.u is not None:
                 spread = int(
                     np.linalg.matrix_rank(c.u[rows].T @ c.u[rows], tol=1e-6, hermitian=True)
@@ -284,14 +284,33 @@ class Campaign:
                 if spread == 1:
                     toward = tuple(np.round(c.u[rows[0]], 1).tolist())
                 step = at[rows] - at[rows[0]]
+                all_round = kinds == {"displacement"} and _touched_all_round(c.u[rows], step)
                 part = np.einsum("ni,ni->n", step, c.u[rows])
                 along = float(np.ptp(part))
                 across = float(np.linalg.norm(step - part[:, None] * c.u[rows], axis=1).max())
             duration = float(np.ptp(c.time[rows]))
             found[name] = SetupCoverage(
-                kinds, len(rows), duration, along, across, free, spread, toward
+                kinds, len(rows), duration, along, across, free, spread, toward, all_round
             )
         return found
+
+
+_SPHERE = 100.0
+"""mm: extent of what a probe touches from all round, at the most: a sphere and its tip."""
+
+_OBLIQUE = 0.98
+"""Greatest component of a direction that is none of the machine's axes."""
+
+_TOUCHES = 6
+"""Oblique directions from which on a sphere was touched all round."""
+
+
+def _touched_all_round(u: F64, at: F64) -> bool:
+    """Whether rows look in many directions at something small; u and places (m, 3)."""
+    if float(np.ptp(at, axis=0).max()) > _SPHERE:
+        return False
+    oblique = np.unique(np.round(u[np.abs(u).max(axis=1) < _OBLIQUE], 1), axis=0)
+    return len(oblique) >= _TOUCHES and np.linalg.matrix_rank(oblique, tol=0.3) == 3
 
 
 def _interval(clocks: Sequence[F64]) -> float:

@@ -27,6 +27,9 @@ class SetupCoverage:
         Dimensions of the space that its measured directions span, 0 … 3.
     toward
         The direction in which it measures, in tenths; empty where it measures in several.
+    all_round
+        Whether it touches something small from all round: in the order of its points time and
+        direction are one.
     """
 
     kinds: frozenset[str]
@@ -37,6 +40,7 @@ class SetupCoverage:
     free: tuple[str, ...] = ()
     spread: int = 0
     toward: tuple[float, ...] = ()
+    all_round: bool = False
 
 
 @dataclass(frozen=True)

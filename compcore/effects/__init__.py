@@ -23,7 +23,9 @@ if TYPE_CHECKING:
     from abbe.compcore.effects.catalogue.events import Drift, Event, WarmUp
     from abbe.compcore.effects.catalogue.formula import Formula
     from abbe.compcore.effects.catalogue.gravity import GravityFlexure
+    from abbe.compcore.effects.catalogue.instruments.gauges import GaugeExpansion
     from abbe.compcore.effects.catalogue.instruments.laser import AirRefraction, Cosine, DeadPath
+    from abbe.compcore.effects.catalogue.instruments.probing import ProbeLobing, StylusBending
     from abbe.compcore.effects.catalogue.instruments.readings import InstrumentDrift, LengthBias
     from abbe.compcore.effects.catalogue.instruments.setup import (
         SetupFrame,
@@ -80,6 +82,7 @@ __all__ = [
     "Event",
     "FeedLag",
     "Formula",
+    "GaugeExpansion",
     "GravityFlexure",
     "InstrumentDrift",
     "Joint",
@@ -92,6 +95,7 @@ __all__ = [
     "OverhangSag",
     "Parameter",
     "Positioning",
+    "ProbeLobing",
     "ReversalAngle",
     "RotaryAxial",
     "RotaryLocation",
@@ -112,6 +116,7 @@ __all__ = [
     "SpindleSquareness",
     "Squareness",
     "Straightness",
+    "StylusBending",
     "ThermalBending",
     "ThermalOffset",
     "ThermalTilt",

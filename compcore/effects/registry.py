@@ -41,8 +41,10 @@ FAMILIES: dict[str, str] = {
     "workpiece": "Workpiece",
     "instruments.laser": "Instrument",
     "instruments.readings": "Instrument",
+    "instruments.probing": "Instrument",
     "instruments.thermometers": "Instrument",
     "instruments.setup": "Instrument",
+    "instruments.gauges": "Instrument",
     "formula": "Formula",
 }
 """Module below the folder ``catalogue`` → the catalogue's chapter, in the catalogue's order."""

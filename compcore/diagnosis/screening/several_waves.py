@@ -14,17 +14,14 @@ def waves_of(model: Model, effect: Effect) -> list[float]:
     """The periods, mm or rad, of the other waves of an axis whose wave an effect is to be found."""
     if not isinstance(effect, Cyclic) or effect.period is not None:
         return []
-    known = [
-        t
-        for t in model.terms
-        if isinstance(t.effect, Cyclic) and t.effect.axis == effect.axis and t.effect != effect
-    ]
-    return [
-        length
-        for t in known
-        if t.effect.period is not None or "period" in t.values
-        for length in t.effect.repeats(model.machine, t.nonlinear(model.machine)).values()
-    ]
+    known: list[float] = []
+    for t in model.terms:
+        other = t.effect
+        if not isinstance(other, Cyclic) or other.axis != effect.axis or other == effect:
+            continue
+        if other.period is not None or "period" in t.values:
+            known += other.repeats(model.machine, t.nonlinear(model.machine)).values()
+    return known
 
 
 def one_wave(effect: Effect, model: Model, one: float, other: float) -> bool:

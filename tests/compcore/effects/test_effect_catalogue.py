@@ -39,7 +39,7 @@ def motions_of(row: Row, w, nonlinear=None) -> dict[str, np.ndarray]:
 def test_every_kind_has_a_row():
     # what is measured, not fitted, has tests of its own: test_error_grid, test_two_drives
     assert {row.kind for row in ROWS} | {"error_grid", "two_drives"} == set(BUILT_IN)
-    assert len(BUILT_IN) == 47
+    assert len(BUILT_IN) == 50
 
 
 @pytest.mark.parametrize("row", ROWS, ids=IDS)

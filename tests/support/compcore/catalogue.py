@@ -231,7 +231,20 @@ def _weighing(w: World, joints: tuple[str, str], pull: np.ndarray) -> dict[str, 
     return {f"E_{k}{joints[0]}": turns[:, i] for i, k in enumerate("ABC")}
 
 
-def _scaled(w: World, part: float) -> np.ndarray:
+def _lobes(w: World, lobes: complex, latitude: float) -> np.ndarray:
+    """Three lobes about the tool, by the third power of a complex number: no angle is taken."""
+    out = np.empty(N)
+    for i, (tool, u) in enumerate(zip(w.tool, w.u, strict=True)):
+        away = -tool / math.sqrt(tool @ tool)
+        near = np.array([1.0, 0.0, 0.0] if abs(away[0]) < 0.9 else [0.0, 1.0, 0.0])
+        first = near - (near @ away) * away
+        first = first / math.sqrt(first @ first)
+        across = complex(u @ first, u @ np.cross(away, first))
+        out[i] = (lobes * across**3).real / abs(across) ** 2 + latitude * abs(across) ** 2
+    return out
+
+
+def _scaled(w: World, part: float | np.ndarray) -> np.ndarray:
     """A plate that is too large by a part, about the middle of its points."""
     rows = w.setup == "plate"
     point = np.stack([w.q[a] for a in "XYZ"], axis=1) + w.tool
@@ -719,6 +732,30 @@ ROWS: tuple[Row, ...] = (
         {"setup": "level", "measures": "angle"},
         {"rate": 1e-9},
         lambda w: {VALUE: 1e-9 * _since_first(w, w.t) * (w.setup == "level")},
+    ),
+    Row(
+        "stylus_bending",
+        {"setups": "line"},
+        {"bend": 0.004},
+        # F·L³/3EI of the force's part across the stylus, seen in the measured direction
+        lambda w: {
+            VALUE: 0.004e-6
+            * np.linalg.norm(w.tool, axis=1)
+            * np.linalg.norm(np.cross(w.tool, w.u), axis=1) ** 2
+            * (w.setup == "line")
+        },
+    ),
+    Row(
+        "probe_lobing",
+        {"setups": "line"},
+        {"A": 0.002, "B": -0.001, "C": 0.0005},
+        lambda w: {VALUE: _lobes(w, complex(0.002, 0.001), 0.0005) * (w.setup == "line")},
+    ),
+    Row(
+        "gauge_expansion",
+        {"signal": "T_part", "setups": "plate"},
+        {"alpha": -7e-6},
+        lambda w: {VALUE: _scaled(w, -7e-6 * (w.T["T_part"] - 20.0))},
     ),
     Row(
         "length_bias",
