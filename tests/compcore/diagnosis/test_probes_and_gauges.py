@@ -1,4 +1,4 @@
-"""What a probe or a gauge does is theirs: styli that bend, lobes, a wrong coefficient of expansion."""
+"""What a probe or a gauge does is theirs: styli that bend, lobes, a wrong coefficient."""
 
 from __future__ import annotations
 
@@ -73,7 +73,8 @@ def test_a_gauge_with_a_wrong_coefficient_is_no_scale_of_the_machine():
                     middle = 500.0 * (i / 12 - 0.5)
                     wrong = 7e-6 * (warm - 20.0) * middle * 1e3 if holds == "g" else 0.0
                     rows.append(
-                        f"{86400 * day + 9 * len(rows)},{name},displacement,{at[0]:.4f},{at[1]:.4f},"
+                        f"{86400 * day + 9 * len(rows)},{name},displacement,"
+                        f"{at[0]:.4f},{at[1]:.4f},"
                         f"-200,0,0,-100,{u[0]:.6f},{u[1]:.6f},{u[2]:.6f},"
                         f"{wrong + rng.normal(0.0, 0.3):.3f},{warm + rng.normal(0.0, 0.02):.2f}"
                     )
