@@ -24,6 +24,7 @@ from abbe.compcore.model.course import runs_away
 from abbe.compcore.model.held_spindle import tool_of
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.to_enter import average_line_words
+from abbe.compcore.model.told import not_told, untold
 from abbe.compcore.sentences import counted, joined, listed, said
 from abbe.compcore.units import display, in_digits, read_in, with_uncertainty
 
@@ -259,10 +260,11 @@ def parameter_lines(result: Solution) -> Iterator[str]:
         parts: list[str] = []
         layout = result.problem.layout
         unknowns = layout.unknowns[layout.terms[i]]
+        nothing = untold(term.effect, result.model.machine)
         for (name, value), unknown in zip(term.values.items(), unknowns, strict=True):
             shown, factor = read_in(unknown)
             sd = 0.0 if value.sd is None else value.sd
-            if not value.measured:
+            if not_told(value, nothing.get(name, 0.0)):
                 parts.append(said("{name} not measured", name=name))
                 continue
             if sd < _NOTHING * unknown.scale:

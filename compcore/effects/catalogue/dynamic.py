@@ -16,6 +16,9 @@ from abbe.compcore.machine.machine import Machine
 SPEEDS = {"mm/s": 1.0, "mm/min": 1.0 / 60.0, "m/min": 1000.0 / 60.0, "m/s": 1000.0}
 """Unit of a feed → its factor to mm/s."""
 
+_SHORTEST = 2e-5
+"""s: less than any cycle of a control or a latch that people notice."""
+
 
 @register
 class FeedLag(Effect):
@@ -71,6 +74,13 @@ class FeedLag(Effect):
         feed = conditions.signal(self.signal) * SPEEDS[machine.signals[self.signal].unit]
         column = feed * conditions.direction(self.axis)
         return (Motion(along(self.axis), column[:, None]),)
+
+    def misnamed(self, values: Mapping[str, float]) -> bool:
+        """Whether the delay is shorter than anything that a control does in time.
+
+        Then the feed, recorded while the machine stood, is the heat of its strokes.
+        """
+        return abs(values["delay"]) < _SHORTEST
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
         """None."""

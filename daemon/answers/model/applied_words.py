@@ -11,6 +11,7 @@ from abbe.compcore.fitting.cancelling import cancel_lines
 from abbe.compcore.fitting.words import run_away_lines, undetermined_lines
 from abbe.compcore.model.course import peak_to_valley, play
 from abbe.compcore.model.model import Model, Term
+from abbe.compcore.model.told import not_told, untold
 from abbe.compcore.units import in_digits, read_in, with_uncertainty
 
 _SINGLE = 3
@@ -33,8 +34,9 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
             yield f"  {term.effect.spec}: {size}"
             continue
         shown = []
+        nothing = untold(term.effect, model.machine)
         for name, value in list(term.values.items())[:5]:
-            if not value.measured:
+            if not_told(value, nothing.get(name, 0.0)):
                 shown.append(f"{name} not measured")
                 continue
             unit, factor = units[term.effect.spec][name]

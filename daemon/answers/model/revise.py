@@ -29,6 +29,7 @@ from abbe.compcore.model.as_built import reversed_parameters
 from abbe.compcore.model.held_spindle import held_spindle, tool_of
 from abbe.compcore.model.model import Model, Value
 from abbe.compcore.model.to_enter import average_line_words
+from abbe.compcore.model.told import not_told, untold
 from abbe.compcore.sentences import said
 from abbe.compcore.units import in_digits, read_in, with_uncertainty
 from abbe.daemon.answers import as_built
@@ -236,8 +237,9 @@ def as_json(revision: Revision, effect: Effect | None) -> dict[str, Any]:
 def as_text(revision: Revision, effect: Effect | None) -> Iterator[str]:
     """Lines for people: parameters, the error before and after, a warning where it did not fall."""
     if effect is not None:
+        nothing = untold(effect, revision.after.model.machine)
         for p, found in _parameters(revision.after, effect):
-            if not found.measured:
+            if not_told(found, nothing.get(p.name, 0.0)):
                 yield said("{name} not measured", name=p.name)
                 continue
             shown, factor = read_in(p)

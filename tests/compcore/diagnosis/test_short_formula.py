@@ -8,7 +8,7 @@ import numpy as np
 
 from abbe.compcore.diagnosis.screening.projection.basis import Basis, orthonormal
 from abbe.compcore.diagnosis.uncatalogued.patterns.products import surfaces
-from abbe.compcore.diagnosis.uncatalogued.patterns.variables import PatternVariable
+from abbe.compcore.diagnosis.uncatalogued.patterns.variables import PatternVariable, term_of
 from abbe.compcore.diagnosis.uncatalogued.short_formula import shortened
 from abbe.compcore.fitting.design.nuisance import Eliminator
 from abbe.compcore.machine.error_motion import FUNCTIONAL_POINT, ErrorMotion
@@ -41,4 +41,15 @@ def test_what_is_proportional_to_a_temperature_is_so_in_each_term() -> None:
         terms = offered(seed)
         assert terms, seed
         for term in terms:
-            assert len(re.findall(r"\(\(T - 21\)/0\.8\)(?!\*\*)", term)) == 1, (seed, terms)
+            assert len(re.findall(r"\(T - 21\)(?!\*\*)", term)) == 1, (seed, terms)
+
+
+def test_a_coefficient_is_one_for_the_unit_that_it_is_printed_in() -> None:
+    """µm/K are not µm for each 0.8 K: nothing is divided by a range."""
+    quantities = [
+        PatternVariable("X", np.zeros(1), 0.0, 500.0, "mm", "position"),
+        PatternVariable("T", np.zeros(1), 21.0, 0.8, "degC", "signal"),
+        PatternVariable("Y_dir", np.ones(1), 0.0, 1.0, "", "direction"),
+    ]
+    assert term_of(quantities) == "X*(T - 21)*Y_dir"
+    assert term_of([quantities[1]] * 2) == "(T - 21)**2"

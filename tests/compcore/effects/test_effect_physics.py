@@ -396,3 +396,10 @@ def test_a_set_up_that_measures_something_else_is_refused():
     effect = make_effect("instrument_drift", {"setup": "level"})
     with pytest.raises(InputError, match="measures angles.*expected angle"):
         effect.motions(MILL, at, {})
+
+
+def test_microseconds_are_no_delay_of_a_feed():
+    """A mean stroke a minute, read while the machine stood, is its heat."""
+    lag = make_effect("feed_lag", {"axis": "X", "signal": "feed"})
+    assert lag.misnamed({"delay": 1.75e-6})
+    assert not lag.misnamed({"delay": -4e-4})

@@ -87,23 +87,22 @@ def variables(machine: Machine, conditions: Conditions) -> list[PatternVariable]
 
 
 def term_of(factors: Sequence[PatternVariable]) -> str:
-    """A product of quantities as a formula has it: each counted from its middle, by half its range.
+    """A product of quantities as a formula has it: each counted from its middle.
 
-    Equal factors become a power; no factors give 1.
+    Equal factors become a power; no factors give 1. Nothing is divided by a range: a coefficient
+    would be one for the range, and its unit, which counts mm and K, would not say so.
     """
     counts = Counter(v.name for v in factors)
     by_name = {v.name: v for v in factors}
     parts = [
-        _scaled(by_name[name]) + (f"**{power}" if power > 1 else "")
+        _from_its_middle(by_name[name]) + (f"**{power}" if power > 1 else "")
         for name, power in counts.items()
     ]
     return "*".join(parts) or "1"
 
 
-def _scaled(v: PatternVariable) -> str:
-    if v.family == "direction":
+def _from_its_middle(v: PatternVariable) -> str:
+    if v.family == "direction" or v.centre == 0.0:
         return v.name
-    if v.centre == 0.0:
-        return f"({v.name}/{v.scale:.6g})"
     sign = "-" if v.centre > 0.0 else "+"
-    return f"(({v.name} {sign} {abs(v.centre):.6g})/{v.scale:.6g})"
+    return f"({v.name} {sign} {abs(v.centre):.6g})"
