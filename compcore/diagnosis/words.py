@@ -9,6 +9,7 @@ import numpy as np
 from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.campaign.suspicions import of_campaign, of_chi2, of_signals, of_values
 from abbe.compcore.diagnosis.campaign_notes import campaign_notes
+from abbe.compcore.diagnosis.disagreeing import disagreeing
 from abbe.compcore.diagnosis.explain import changed, description, explanation, formula
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.hardly_noise import beyond_repeats, too_few_rows
@@ -150,6 +151,7 @@ def diagnosis_words(
             yield said("   the new values: fit the model to this campaign: {how}", how=fitting)
         if names:
             yield said("missing besides: {names}.", names=names)
+    yield from disagreeing(diagnosis)
     for i, established in enumerate(diagnosis.established, start=1):
         yield ""
         yield f"{i}. {established.found.candidate.effect.spec}"

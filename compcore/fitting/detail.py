@@ -23,6 +23,8 @@ E = TypeVar("E", bound=Effect)
 _FINEST = 200
 _HIGHEST = 20
 """Most coefficients of a spline, highest degree of a polynomial, that are tried."""
+_FROM_CONSTANT = ((2, "polynomial:1"), (3, "polynomial:2"), (5, "polynomial:4"))
+"""Coefficients and shape of what is tried beyond a value that is the same along an axis."""
 _ALIKE = 0.1
 """Places nearer to each other than this part of a curve's own detail show it one place."""
 _ACTS = 1e-9
@@ -135,6 +137,11 @@ def finer(effect: Effect, conditions: Conditions, machine: Machine) -> Iterator[
             if order == before:
                 break
             yield {"shape": f"{match[1]}:{order}"}
+    elif match is not None:
+        # what is the same everywhere changes evenly along the axis, before it does so anyhow
+        for count, shape in _FROM_CONSTANT:
+            if count < distinct:
+                yield {"shape": shape}
     elif isinstance(effect, RotaryMotion) and effect.shape is None:
         waves, most = effect.waves, min((distinct - 1) // 2, 32)
         while waves < most:

@@ -27,7 +27,7 @@ from abbe.compcore.fitting.cancelling import cancelling
 from abbe.compcore.fitting.design.begun import begun
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.model import Model
-from abbe.compcore.model.revise import with_effect, without_effect
+from abbe.compcore.model.revise import identity, with_effect, without_effect
 
 Progress = Callable[[str], None]
 
@@ -229,13 +229,22 @@ class GrowingModel:
         out: list[Effect] = []
         for effect in [e for e in self.added if e not in self.described]:
             self.progress(f"without {effect.kind}")
-            less, _ = without_effect(self.last.result.model, effect.spec)
+            less = self._plainer(effect)
             if self._try("removed", effect, less, NO_WORSE):
                 self.added.remove(effect)
                 out.append(effect)
         beside = _specs(self.last.result.model)
         self.superfluous |= {e.spec: beside for e in out}
         return bool(out)
+
+    def _plainer(self, effect: Effect) -> Model:
+        """The model without an effect that was added; in the detail in which it was given."""
+        given = self.steps[0].result.model.effects
+        plain = next((e for e in given if identity(e) == identity(effect)), None)
+        now = self.last.result.model
+        if plain is None or plain == effect:
+            return without_effect(now, effect.spec)[0]
+        return with_effect(now, plain.kind, plain.where())[0]
 
     def _try(self, action: str, effect: Effect, model: Model, falls: float) -> bool:
         found = self.better(model, (effect,), falls)

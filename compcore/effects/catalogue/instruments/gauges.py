@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterable, Mapping
 
 import numpy as np
@@ -10,6 +9,7 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.campaign.coverage import Coverage
+from abbe.compcore.campaign.named_alike import named_alike
 from abbe.compcore.effects.base import Effect, Motion, Parameter
 from abbe.compcore.effects.catalogue.instruments.setup import MEASURED
 from abbe.compcore.effects.keys import Names
@@ -120,17 +120,12 @@ def _alike(coverage: Coverage) -> list[tuple[str, ...]]:
         and "slope" not in seen.free
         and (seen.spread > 1 or seen.along > max(_LENGTH, seen.across))
     }
-    found: dict[tuple[str, ...], None] = {}
-    for begins in (r".", r"[^\W\d_A-Z]+|[A-Z]+", r"[^\W\d_]+"):
-        groups: dict[str, list[str]] = {}
-        for name in lengths:
-            stem = re.match(begins, name)
-            groups.setdefault(stem[0] if stem else "", []).append(name)
-        for names in groups.values():
-            toward = np.array([lengths[n].toward for n in names if lengths[n].toward])
-            spread = max(lengths[n].spread for n in names)
-            if toward.size:
-                spread = max(spread, int(np.linalg.matrix_rank(toward, tol=0.3)))
-            if len(names) > 1 and spread > 1 and len(names) < len(coverage.setup_details):
-                found[tuple(names)] = None
-    return list(found)
+    found = []
+    for names in named_alike(lengths):
+        toward = np.array([lengths[n].toward for n in names if lengths[n].toward])
+        spread = max(lengths[n].spread for n in names)
+        if toward.size:
+            spread = max(spread, int(np.linalg.matrix_rank(toward, tol=0.3)))
+        if spread > 1 and len(names) < len(coverage.setup_details):
+            found.append(names)
+    return found
