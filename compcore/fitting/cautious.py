@@ -4,8 +4,9 @@ Least squares gives every combination of unknowns that a campaign shows at all t
 it best, however unsure: where a ball bar went round once, splines over the whole travel are free
 to do anything beside it. What is known besides is how large the errors of *this* machine are: as
 large as those that the campaign shows well. So each parameter is expected near 0, as far from it as
-the parameters of its kind of effect are, root of their mean square; and the values are the most
-likely ones given both (Bayes). What is shown well keeps its value, what is not stays near 0.
+the parameters of its kind of effect are, root of their mean square; curves run in long waves, and
+scales are expected as squarenesses are (`usual_errors`); and the values are the most likely ones
+given both (Bayes). What is shown well keeps its value, what is not stays near 0.
 
 How large they are is found along (empirical Bayes, the EM algorithm of Dempster, Laird and Rubin,
 1977, for variance components). Kinds of which the campaign shows little are expected as large as
@@ -13,6 +14,9 @@ the others are, a fiftieth of what is believable at most. Effects that read a si
 above all, are not 0 in any machine, and a rotary axis lies where somebody has put it: they are
 expected within what is believable, and so are an instrument's. Where a set-up shows more than
 is stated of its readings, something is missing there, and only its readings count for less.
+
+Where a table turns the workpiece, a shift of all X, Y and Z is an error of the parts, and no line
+shows it: there is none but where it was measured.
 """
 
 from __future__ import annotations
@@ -23,8 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.alike import alike
-from abbe.compcore.effects import RotaryLocation
-from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects import Positioning
 from abbe.compcore.fitting.caution import Caution
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.determinacy import Decomposition
@@ -32,14 +35,14 @@ from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.frame import alignment
 from abbe.compcore.fitting.gauss_newton import gauss_newton
 from abbe.compcore.fitting.reduction import leverage, triangle
+from abbe.compcore.fitting.undetermined.null_space import VOLUME, sample_volume
 from abbe.compcore.fitting.undetermined.parameter_fields import ParameterFields
+from abbe.compcore.fitting.usual_errors import USUAL, UsualErrors
 from abbe.compcore.linalg import threads_for
 
 F64 = NDArray[np.float64]
 Index = NDArray[np.int64]
 
-USUAL = 0.02
-"""Part of what is believable at most that a machine's errors usually are: where to begin."""
 _ALIKE = 3.0
 """Parameters as large as the others are that each kind is counted with: of a kind with few, or that
 is hardly shown, how large it is cannot be found from itself alone."""
@@ -61,40 +64,25 @@ def cautiously(result: FitResult) -> FitResult:
     if result.knots:
         return result
     problem, layout = result.problem, result.problem.layout
-    kinds = _kinds(problem)
-    if not kinds:
+    usual = UsualErrors.of(problem.model, layout)
+    if not usual.kinds:
         return result
     with threads_for(problem.n * layout.size):
         spread = _spreads(result)
         held = problem.with_sd(problem.sd * spread)
-        sizes = _sizes(held, result.theta, kinds)
-        held.prior_sd = np.minimum(problem.prior_sd, sizes)
+        sizes = _sizes(held, result.theta, usual)
+        held.expected = _expected(usual, sizes, layout.scale)
         blank = result.theta.copy()
         blank[_linear(problem)] = 0.0  # where nothing is known
         theta, decomposition = gauss_newton(held, blank)
         align = np.eye(layout.size)
+        fields = ParameterFields(problem.model, problem.campaign, layout)
         if result.frame.primary:  # else what is nearest to 0 is convention enough
-            fields = ParameterFields(problem.model, problem.campaign, layout)
             align = alignment(fields, theta, result.null, result.frame)
+        elif problem.model.machine.structure.rotary:
+            align = _without_shift(held, fields, theta)
         theta = align @ theta
-        return _result(result, held, theta, decomposition, align, kinds, spread)
-
-
-def _kinds(problem: Problem) -> dict[str, Index]:
-    """Kind of effect → where its linear parameters stand in θ; of effects of positions alone."""
-    found: dict[str, list[int]] = {}
-    for i, effect in enumerate(problem.model.effects):
-        if _near_zero(effect):
-            where = problem.layout.linear_of(i)
-            found.setdefault(effect.kind, []).extend(range(where.start, where.stop))
-    return {kind: np.array(at, dtype=np.int64) for kind, at in found.items() if at}
-
-
-def _near_zero(effect: Effect) -> bool:
-    if isinstance(effect, RotaryLocation):
-        return False  # where a table stands is entered, not made: it is the first to be asked
-    by_place = not (effect.signals_needed() or effect.reads_time() or effect.reads_model)
-    return effect.scope == "machine" and by_place
+        return _result(result, held, theta, decomposition, align, usual, sizes, spread)
 
 
 def _spreads(result: FitResult) -> F64:
@@ -120,8 +108,39 @@ def _spreads(result: FitResult) -> F64:
     return found
 
 
-def _sizes(problem: Problem, theta: F64, kinds: dict[str, Index]) -> F64:
-    """How far from 0 each unknown is expected, in its own unit, (m,); infinite: anywhere."""
+def _expected(usual: UsualErrors, sizes: F64, scale: F64) -> F64:
+    """What is expected of the unknowns as rows that should be 0, (known unknowns, m)."""
+    known = np.flatnonzero(np.isfinite(sizes[: len(scale)]))
+    finite = np.where(np.isfinite(sizes), sizes, 0.0)
+    half = np.linalg.cholesky(usual.covariance(finite)[np.ix_(known, known)])
+    out = np.zeros((len(known), len(scale)))
+    out[:, known] = np.linalg.inv(half) / scale[known]
+    return out
+
+
+def _without_shift(problem: Problem, fields: ParameterFields, theta: F64) -> F64:
+    """θ → θ without a shift of all X, Y or Z that no row shows, (m, m)."""
+    model, layout = problem.model, problem.layout
+    fields.place(VOLUME, lambda: sample_volume(model.machine, problem.campaign))
+    translation, _ = fields.at(theta, VOLUME)
+    columns = problem.eliminator(theta).project(problem.columns(theta))
+    out = np.eye(layout.size)
+    for i, effect in enumerate(model.effects):
+        if not isinstance(effect, Positioning) or effect.axis not in ("X", "Y", "Z"):
+            continue
+        shape = effect.parsed_shape(model.machine)
+        where = layout.linear_of(i)
+        ones = np.zeros(layout.size)
+        ones[where] = 1.0 if shape.family != "polynomial" else np.eye(shape.size)[0]
+        if np.linalg.norm(columns @ ones) * float(layout.scale[where.start]) > 1.0:
+            continue
+        mean = translation[:, "XYZ".index(effect.axis)].mean(axis=0)
+        out[:, : layout.model_size] -= np.outer(ones, mean[: layout.model_size])
+    return out
+
+
+def _sizes(problem: Problem, theta: F64, usual: UsualErrors) -> F64:
+    """How large each part of the errors is expected, in scales, (k,); infinite: anyhow."""
     layout = problem.layout
     m, scale = layout.size, layout.scale
     reduced = triangle(problem, theta)
@@ -131,25 +150,23 @@ def _sizes(problem: Problem, theta: F64, kinds: dict[str, Index]) -> F64:
     at = np.zeros(m)
     at[linear] = theta[linear] / scale[linear]
     information = columns.T @ columns
-    seen = columns.T @ reduced[:m, m] + information @ at
-    size = np.full(m, np.inf)
-    size[linear] = 1.0
-    for where in kinds.values():
-        size[where] = USUAL
-    every = np.concatenate(list(kinds.values()))
+    seen = usual.parts.T @ (columns.T @ reduced[:m, m] + information @ at)
+    information = usual.parts.T @ information @ usual.parts
+    size = usual.usual.copy()
+    every = np.concatenate(list(usual.kinds.values()))
     for _ in range(_ROUNDS):
         found = _posterior(information, size)
         square = (found @ seen) ** 2 + np.diag(found)
         # what one kind has much of must not let the others loose
         common = min(float(square[every].mean()), USUAL**2)
         change = 0.0
-        for where in kinds.values():
+        for where in usual.kinds.values():
             new = np.sqrt((square[where].sum() + _ALIKE * common) / (len(where) + _ALIKE))
             change = max(change, abs(float(np.log(new / size[where[0]]))))
             size[where] = new
         if change < _SETTLED:
             break
-    return np.asarray(size * scale)
+    return np.asarray(size)
 
 
 def _linear(problem: Problem) -> Index:
@@ -174,12 +191,13 @@ def _result(
     theta: F64,
     decomposition: Decomposition,
     align: F64,
-    kinds: dict[str, Index],
+    usual: UsualErrors,
+    sizes: F64,
     spread: F64,
 ) -> FitResult:
     layout = held.layout
     stated = held.with_sd(result.problem.sd)
-    stated.prior_sd = held.prior_sd
+    stated.expected = held.expected
     eliminator = stated.eliminator(theta)
     misfit = stated.campaign.value - stated.predicted(theta)
     raw = misfit * stated.weight
@@ -189,8 +207,10 @@ def _result(
     half = half / decomposition.singular[known]
     covariance = half @ half.T
     # of the unknowns the part that the rows determine counts, not what was expected beforehand
-    told = 1.0 - np.diag(covariance) / held.prior_sd**2
-    expected = np.isfinite(held.prior_sd)
+    finite = np.where(np.isfinite(sizes), sizes, 0.0)
+    variance = np.diag(usual.covariance(finite)) * layout.scale**2
+    expected = np.isfinite(sizes[: layout.size])
+    told = np.where(expected, 1.0 - np.diag(covariance) / np.where(expected, variance, 1.0), 1.0)
     used = float(known.sum()) - float(np.sum(1.0 - told[expected]))
     dof = held.n - len(result.set_aside) - eliminator.rank - round(used)
     chi2 = float(weighted @ weighted)
@@ -211,12 +231,9 @@ def _result(
     parts = {
         effect.spec: float(np.clip(told[layout.linear_of(i)], 0.0, 1.0).mean())
         for i, effect in enumerate(held.model.effects)
-        if _near_zero(effect) and layout.linear_counts[i]
+        if effect.kind in usual.kinds and layout.linear_counts[i]
     }
-    sizes = {
-        kind: float(held.prior_sd[where[0]] / layout.scale[where[0]])
-        for kind, where in kinds.items()
-    }
+    found = {kind: float(sizes[where[0]]) for kind, where in usual.kinds.items()}
     return replace(
         result,
         model=replace(fitted, covariance=covariance[:m, :m]),
@@ -228,5 +245,5 @@ def _result(
         nuisances=held.nuisances(theta, raw),
         dof=dof,
         chi2=chi2,
-        caution=Caution(sizes, parts, result.decomposition.rank),
+        caution=Caution(found, parts, result.decomposition.rank),
     )

@@ -123,7 +123,11 @@ def _no_worse(problem: Problem, theta: F64, calm: F64) -> F64:
 def _cost(problem: Problem, theta: F64) -> float:
     left = problem.eliminator(theta).project(problem.residual(theta))
     known = theta / problem.prior_sd
-    return 0.5 * float(left @ left + known @ known)
+    cost = float(left @ left + known @ known)
+    if problem.expected is not None:
+        apart = problem.expected @ theta
+        cost += float(apart @ apart)
+    return 0.5 * cost
 
 
 def _lower(

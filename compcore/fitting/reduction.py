@@ -74,7 +74,12 @@ def _prior(problem: Problem, theta: F64, free: Index, width: int) -> F64:
     out = np.zeros((len(known), width))
     out[np.arange(len(known)), known] = 1.0 / sd[known]
     out[:, -1] = -theta[free][known] / sd[known]
-    return out
+    if problem.expected is None:
+        return out
+    more = np.zeros((len(problem.expected), width))
+    more[:, : len(free)] = problem.expected[:, free]
+    more[:, -1] = -problem.expected @ theta
+    return np.vstack([out, more])
 
 
 def leverage(

@@ -18,6 +18,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
 from abbe.compcore.effects.base import SPINDLE, WORKPIECE, Component, Effect, ErrorMotion
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.design.design_matrix import Problem
+from abbe.compcore.fitting.usual_errors import UsualErrors
 from abbe.compcore.linalg import svd
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
@@ -195,8 +196,9 @@ def scaled_values(model: Model) -> F64:
 def prior(model: Model, changed: float = CHANGED) -> F64:
     """What is known beforehand: covariance in units of the unknowns' scales, (m, m).
 
-    Of a new model every parameter is as uncertain as it is believable; of a fitted one as its fit
-    says, and by what it may have `changed` since, as a part of its believable size.
+    Of a new model errors are as uncertain as they are believable, a scale as well as a squareness
+    (`fitting.usual_errors`); of a fitted one as its fit says, and by what it may have `changed`
+    since, as a part of its believable size.
 
     Raises
     ------
@@ -205,7 +207,7 @@ def prior(model: Model, changed: float = CHANGED) -> F64:
     """
     scale = scales(model)
     if model.covariance is None:
-        return np.eye(len(scale))
+        return _believable(model)
     fitted = [t.fitted for t in model.terms for _ in _parameters(model, t.effect)]
     if model.covariance.shape[0] != sum(fitted):
         raise InputError(
@@ -220,6 +222,13 @@ def prior(model: Model, changed: float = CHANGED) -> F64:
     found[np.ix_(at, at)] = model.covariance / np.outer(size, size)
     found[at, at] += changed**2
     return found
+
+
+def _believable(model: Model) -> F64:
+    errors = UsualErrors.of(model, Problem(model, _empty(model)).layout)
+    size = np.ones(len(errors.usual))
+    own = len(scales(model))
+    return errors.covariance(size)[:own, :own]
 
 
 def _parameters(model: Model, effect: Effect) -> tuple[str, ...]:

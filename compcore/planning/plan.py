@@ -12,7 +12,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.join import join_campaigns
 from abbe.compcore.campaign.plan import from_the_bed
 from abbe.compcore.errors import InputError
-from abbe.compcore.fitting.cautious import USUAL
+from abbe.compcore.fitting.usual_errors import USUAL
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.planning.choice import Candidates, Chosen, Knowledge, choose
 from abbe.compcore.planning.instruments import PlannedInstrument

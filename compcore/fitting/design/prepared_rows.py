@@ -71,6 +71,9 @@ class PreparedRows:
         1/sd, shape (n,).
     prior_sd
         Shape (layout.size,): how far from 0 an unknown may well lie; infinite for most.
+    expected
+        Shape (rows, layout.size): combinations of the unknowns that are expected to be 0, each
+        divided by its standard uncertainty; None: nothing is.
     """
 
     def __init__(
@@ -85,6 +88,7 @@ class PreparedRows:
         self.campaign = campaign
         self.layout = UnknownLayout.of(model, campaign, bodies)
         self.prior_sd = np.full(self.layout.size, np.inf)
+        self.expected: F64 | None = None
         self.sd = campaign.sd if sd is None else sd
         self.weight = 1.0 / self.sd
         self._amending = [i for i, e in enumerate(model.effects) if e.reads_model]
