@@ -21,6 +21,7 @@ from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.distributions import chi2_beyond
+from abbe.compcore.effects import Scale, SensorOffset
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.design.unknowns import BASE_SCALE
 from abbe.compcore.fitting.fit import FitResult
@@ -90,7 +91,9 @@ class Change:
     of_rotations
         Whether that is rad.
     aliases
-        Specs of other effects of the model whose change would say the same.
+        Specs of other effects whose change would say the same.
+    own
+        The effect of the model that would have to move where `effect` is none of it.
     """
 
     effect: Effect
@@ -100,6 +103,7 @@ class Change:
     largest: float
     of_rotations: bool
     aliases: tuple[str, ...]
+    own: Effect
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,6 +180,14 @@ class _GivenValues:
         self._predicted = eliminator.project(problem.campaign.value * problem.weight) - self.y
         free = self._columns @ np.linalg.lstsq(self._columns, self.y, rcond=1e-9)[0]
         left = self.y - free
+        m, machine = self.layout.model_size, given.machine
+        self.outside = list(_of_one_coefficient(given, problem.campaign))
+        self._widths = np.array([e.linear(machine)[0].plausible[1] for e in self.outside])
+        self._first_outside = self._columns.shape[1]
+        if self.outside:
+            beside_it = [problem.effect_columns(e, {}, theta) for e in self.outside]
+            own = eliminator.project(np.hstack(beside_it) * self._widths)
+            self._columns = np.hstack([self._columns, own])
         self.dof = max(1, problem.n - eliminator.rank - result.decomposition.rank)
         share = independent_share(left, problem.campaign.conditions)
         self.variance = max(1.0, float(left @ left) / self.dof) / share
@@ -184,7 +196,6 @@ class _GivenValues:
         self.square = float(self.y @ self.y) / self.variance
         self._a = self._columns.T @ self._columns / self.variance
         self._b = self._columns.T @ self.y / self.variance
-        m = self.layout.model_size
         scaled = covariance / np.outer(self.layout.scale[:m], self.layout.scale[:m])
         values, vectors = np.linalg.eigh(0.5 * (scaled + scaled.T))
         half = vectors * np.sqrt(np.maximum(values, 0.0))
@@ -194,17 +205,48 @@ class _GivenValues:
         # base points and tools are placed anew, causes beside the model are free;
         # bodies begin where their warmth can be
         free = np.full(size - m, 1e3 / BASE_SCALE)
+        free[size - m - len(self.outside) :] = 0.0
         expected = problem.prior_sd[m:] / self.layout.scale[m:]
         free[: len(expected)] = np.minimum(free[: len(expected)], expected)
         self._known[m:, m:] = np.diag(free)
+
+    @property
+    def terms(self) -> range:
+        """The model's terms, and behind them what one coefficient outside it would say."""
+        return range(len(self.given.terms) + len(self.outside))
+
+    def is_outside(self, term: int) -> bool:
+        """Whether it is none of the model's terms."""
+        return term >= len(self.given.terms)
+
+    def rarer(self, term: int) -> float:
+        """What a term has to say more than those before it: the model's, thermometers, scales.
+
+        A thermometer is exchanged, or comes loose; a scale hardly grows.
+        """
+        if not self.is_outside(term):
+            return 0.0
+        return (1.0 if self.effect(term).reads_model else 2.0) * INDISTINCT
+
+    def effect(self, term: int) -> Effect:
+        """The effect of a term."""
+        n = len(self.given.terms)
+        return self.outside[term - n] if self.is_outside(term) else self.given.effects[term]
+
+    def where(self, term: int) -> slice:
+        """Where a term's coefficients stand among the columns."""
+        if not self.is_outside(term):
+            return self.layout.terms[term]
+        at = self._first_outside + term - len(self.given.terms)
+        return slice(at, at + 1)
 
     def _half(self, let_go: Sequence[int]) -> F64:
         size = self._a.shape[0]
         more = []
         for term in let_go:
-            where = self.layout.terms[term]
+            where = self.where(term)
             own = np.zeros((size, where.stop - where.start))
-            own[where] = _FREE * np.eye(own.shape[1])
+            own[where] = (1.0 if self.is_outside(term) else _FREE) * np.eye(own.shape[1])
             more.append(own)
         return np.hstack([self._known, *more])
 
@@ -216,18 +258,22 @@ class _GivenValues:
         return self.square - float(moment @ np.linalg.solve(inner, moment))
 
     def moved(self, let_go: Sequence[int]) -> tuple[F64, F64]:
-        """How far the parameters move, and standard deviations, (m,), in their units."""
+        """How far the parameters move, and standard deviations, (m,), in their units.
+
+        Also those outside the model, where their columns stand.
+        """
         half = self._half(let_go)
         inner = np.eye(half.shape[1]) + half.T @ self._a @ half
         spread = half @ np.linalg.solve(inner, half.T)
-        m = self.layout.model_size
-        scale = self.layout.scale[:m]
-        sd = np.sqrt(np.maximum(np.diag(spread)[:m], 0.0)) * scale
-        return np.asarray((spread @ self._b)[:m] * scale), sd
+        scale = np.ones(len(spread))
+        scale[: self.layout.model_size] = self.layout.scale[: self.layout.model_size]
+        scale[self._first_outside :] = self._widths
+        sd = np.sqrt(np.maximum(np.diag(spread), 0.0)) * scale
+        return np.asarray(spread @ self._b * scale), sd
 
     def coefficients(self, term: int) -> int:
         """How many combinations of an effect's parameters the campaign shows."""
-        where = self.layout.terms[term]
+        where = self.where(term)
         return int((np.linalg.eigvalsh(self._a[where, where]) > 1.0).sum())
 
     def price(self, term: int) -> float:
@@ -236,9 +282,11 @@ class _GivenValues:
 
     def largest(self, term: int, moved: F64) -> tuple[float, bool]:
         """The greatest that an effect's change makes in a row, mm, or rad and True."""
-        where = self.layout.terms[term]
+        where = self.where(term)
         problem = self.result.problem
-        rows = self._columns[:, where] @ (moved[where] / self.layout.scale[where])
+        outside = where.start - self._first_outside
+        scale = self._widths[outside] if self.is_outside(term) else self.layout.scale[where]
+        rows = self._columns[:, where] @ (moved[where] / scale)
         rows = np.where(problem.weight > 0.0, rows * problem.sd, 0.0)
         rotations = problem.campaign.kind == Kind.ROTATION
         lengths = np.abs(rows[~rotations])
@@ -297,35 +345,20 @@ def _standing(known: _GivenValues) -> Standing:
         without, with_it = known.chi2(rest), known.chi2(found)
         price = known.price(term)
         by_chance = chi2_beyond(max(0.0, without - with_it), max(1, known.coefficients(term)))
-        swapped = [
-            known.given.effects[t].spec
-            for t in range(len(known.given.terms))
-            if t not in found
-            and known.chi2([*rest, t]) + known.price(t) - with_it - price < INDISTINCT
-        ]
-        where = known.layout.terms[term]
-        parameters = tuple(
-            ChangedParameter(
-                u.name,
-                u.unit,
-                float(known.theta[j]),
-                float(known.theta[j] + moved[j]),
-                float(moved[j]),
-                float(sd[j]),
-                u.extent,
-            )
-            for j, u in zip(
-                range(where.start, where.stop), known.layout.unknowns[where], strict=True
-            )
-        )
+        costs = {t: known.chi2([*rest, t]) + known.price(t) for t in known.terms if t not in found}
+        swapped = [t for t, cost in costs.items() if cost - with_it - price < INDISTINCT]
+        own = term
+        if known.is_outside(term):
+            own = min((t for t in costs if not known.is_outside(t)), key=lambda t: costs[t])
         changes.append(
             Change(
-                known.given.effects[term],
-                parameters,
+                known.effect(term),
+                tuple(_parameters(known, term, moved, sd)),
                 without - with_it - price,
-                min(1.0, by_chance * len(known.given.terms)),
+                min(1.0, by_chance * len(known.terms)),
                 *known.largest(term, moved),
-                tuple(swapped),
+                tuple(known.effect(t).spec for t in swapped),
+                known.given.effects[own],
             )
         )
     changes.sort(key=lambda c: -c.evidence)
@@ -333,6 +366,39 @@ def _standing(known: _GivenValues) -> Standing:
     holds = known.disagrees(known.chi2(found)) > _AGREES
     wrong = tuple(suspicions)
     return Standing(chance, tuple(changes), wrong, since, fitted, holds, known.variance)
+
+
+def _of_one_coefficient(given: Model, campaign: Campaign) -> Iterator[Effect]:
+    """What a model has no effect for and one coefficient says: a thermometer, a longer scale.
+
+    Thermometers that the model reads and the campaign recorded; scales of axes whose positioning is
+    a shape.
+    """
+    effects = given.effects
+    if not any(e.reads_model for e in effects):
+        read = {s for e in effects for s in e.signals_needed()} & set(campaign.conditions.signals)
+        for name in given.machine.signals:
+            if name in read and given.machine.signals[name].temperature:
+                yield SensorOffset(signal=name)
+    scaled = {e.where()["axis"] for e in effects if e.kind == "scale"}
+    for axis in given.machine.structure.linear:
+        shaped = any(e.kind == "positioning" and e.where()["axis"] == axis for e in effects)
+        if shaped and axis not in scaled:
+            yield Scale(axis=axis)
+
+
+def _parameters(known: _GivenValues, term: int, moved: F64, sd: F64) -> Iterator[ChangedParameter]:
+    """How the parameters of a term have changed; of what is outside the model from 0."""
+    where = known.where(term)
+    if known.is_outside(term):
+        (p,) = known.effect(term).linear(known.given.machine)
+        by = float(moved[where.start])
+        yield ChangedParameter(p.name, p.unit, 0.0, by, by, float(sd[where.start]), p.extent)
+        return
+    places = range(where.start, where.stop)
+    for j, u in zip(places, known.layout.unknowns[where], strict=True):
+        before, by = float(known.theta[j]), float(moved[j])
+        yield ChangedParameter(u.name, u.unit, before, before + by, by, float(sd[j]), u.extent)
 
 
 def _impossible(known: _GivenValues, changes: Sequence[Change]) -> Iterator[str]:
@@ -357,12 +423,13 @@ def _least_set(known: _GivenValues, chi2: float) -> list[int]:
     found: list[int] = []
     while len(found) < _MOST and known.disagrees(chi2) < _AGREES:
         best: tuple[float, int, float] | None = None
-        for term in range(len(known.given.terms)):
+        for term in known.terms:
             count = known.coefficients(term) if term not in found else 0
             if not count:
                 continue
             after = known.chi2([*found, term])
-            value = chi2 - after - known.price(term)
+            # before what the model has it has to say clearly more
+            value = chi2 - after - known.price(term) - known.rarer(term)
             if best is None or value > best[0]:
                 best = (value, term, after)
         if best is None or best[0] < CONVINCING:
@@ -387,14 +454,14 @@ def _exchanged(known: _GivenValues, found: list[int]) -> list[int]:
     """
 
     def paid(terms: Sequence[int]) -> float:
-        return known.chi2(terms) + sum(known.price(t) for t in terms)
+        return known.chi2(terms) + sum(known.price(t) + known.rarer(t) for t in terms)
 
     best = paid(found)
     for _ in range(_MOST):
         changed = False
         for term in found:
             rest = [t for t in found if t != term]
-            others = [t for t in range(len(known.given.terms)) if t not in found]
+            others = [t for t in known.terms if t not in found]
             tried = [(paid([*rest, t]), t) for t in others if known.coefficients(t)]
             least = min(tried, default=(math.inf, -1))
             if least[0] < best - 1e-6:

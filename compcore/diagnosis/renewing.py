@@ -6,6 +6,7 @@ from collections.abc import Mapping
 
 from abbe.compcore.diagnosis.changed import Standing, standing
 from abbe.compcore.diagnosis.findings import Findings
+from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.fitting.renewed import renewed
@@ -82,6 +83,19 @@ def forgotten(given: Model, result: FitResult) -> Sentence | None:
     )
 
 
+def accused(given: Model, first: FitResult, last: FitResult) -> tuple[Effect, ...]:
+    """What has changed of which a model has no effect, as a thermometer; none that came since.
+
+    Parameters as of `renew`.
+    """
+    if last.model.effects != given.effects:
+        return ()
+    holds = standing(given, first.thin)
+    if holds is None or holds.suspicions or not holds.else_holds:
+        return ()
+    return tuple(c.effect for c in holds.changes if c.effect is not c.own)
+
+
 def renewed_where_known(given: Model, first: FitResult, last: FitResult) -> FitResult:
     """As `renew`; the fit as it is where nothing was known, or too much has changed."""
     try:
@@ -137,7 +151,7 @@ def renew(given: Model, first: FitResult, last: FitResult) -> FitResult:
     holds = standing(given, thin, beside)
     if holds is None or holds.suspicions or not holds.else_holds:
         raise NotRenewedError(_why(holds))
-    return renewed(last, given, [c.effect for c in holds.changes], holds.variance)
+    return renewed(last, given, [c.own for c in holds.changes], holds.variance)
 
 
 def _why(holds: Standing | None) -> str:

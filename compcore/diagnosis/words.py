@@ -147,6 +147,9 @@ def diagnosis_words(
             yield f"   {MEND_FIRST}"
         elif names and renews(diagnosis):
             yield said("   the new values come with what is missing, once that is added")
+        elif outside := [c.effect for c in diagnosis.standing.changes if c.effect is not c.own]:
+            for effect in outside:
+                yield said("   add it: {how}", how=adding(effect.spec))
         else:
             yield said("   the new values: fit the model to this campaign: {how}", how=fitting)
         if names:

@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
-from abbe.compcore.diagnosis.renewing import NotRenewedError, known_of_others, renew
+from collections.abc import Iterator
+
+from abbe.compcore.diagnosis.renewing import NotRenewedError, accused, known_of_others, renew
 from abbe.compcore.diagnosis.stepwise.step import Step
 from abbe.compcore.diagnosis.stepwise.unseen import UnseenCampaign
+from abbe.compcore.fitting.fit import fit
 from abbe.compcore.model.model import Model
+from abbe.compcore.model.revise import with_effect
 
 _NO_WORSE = 1.1
 """Part of χ² per degree of freedom up to which values that count what was known before still say
 what was measured; of 1 where least squares left less."""
+
+
+def accused_steps(given: Model, first: Step, last: Step) -> Iterator[Step]:
+    """Steps that add what has changed outside the model: a thermometer, a scale.
+
+    Only where what was known before is kept: one campaign does not tell a thermometer that reads
+    too much from the scale that it stands on.
+    """
+    result = first.result
+    if not known_of_others(given, set(result.problem.campaign.files.values())):
+        return
+    model = last.result.model
+    for effect in accused(given, result, last.result):
+        model, _ = with_effect(model, effect.kind, effect.where())
+        more = fit(model, result.problem.campaign, near=True)
+        yield Step("added", effect, more, last.held_out)
 
 
 def kept_from_before(

@@ -22,7 +22,7 @@ from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
 from abbe.compcore.diagnosis.stepwise.describing import describe
 from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, Progress
 from abbe.compcore.diagnosis.stepwise.held_near_zero import held_near_zero
-from abbe.compcore.diagnosis.stepwise.kept_from_before import kept_from_before
+from abbe.compcore.diagnosis.stepwise.kept_from_before import accused_steps, kept_from_before
 from abbe.compcore.diagnosis.stepwise.step import Course, Step, leaves_noise
 from abbe.compcore.diagnosis.stepwise.unseen import UnseenCampaign
 from abbe.compcore.diagnosis.stepwise.warmth import (
@@ -123,6 +123,9 @@ def to_the_verdict(
         return found
 
     def ended(course: Course) -> Course:
+        for more in accused_steps(model, course.steps[0], course.last):
+            on_step(more)
+            course = replace(course, steps=(*course.steps, more))
         step = kept_from_before(model, course.steps[0], course.last, unseen)
         step = step or held_near_zero(course.last, unseen)
         if step is None:

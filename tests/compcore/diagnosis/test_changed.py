@@ -201,3 +201,19 @@ def test_a_thermometer_with_the_wrong_sign_is_suspected_and_nothing_is_to_be_fit
     said = " ".join(found.standing.suspicions)
     assert "scale_expansion axis=Y signals=T_y: alpha would be negative" in said
     assert "T_y may be read with the wrong sign" in said
+
+
+def test_an_exchanged_thermometer_before_seven_coefficients_of_its_scale(case: Case) -> None:
+    """What reads 1.5 K too much since was a change of positioning before, up to some 10 µm."""
+    model, campaign = case
+    signals = {**campaign.conditions.signals, "T_y": campaign.conditions.signal("T_y") + 1.5}
+    warmer = replace(campaign, conditions=replace(campaign.conditions, signals=signals))
+    holds = standing(model, fit(model, warmer).thin)
+    assert holds is not None
+    assert holds.else_holds
+    (change,) = holds.changes
+    assert change.effect.spec == "sensor_offset signal=T_y"
+    assert change.own in model.effects
+    (offset,) = change.parameters
+    assert offset.after == pytest.approx(1.5, abs=3.0 * offset.sd)
+    assert offset.sd < 0.2
