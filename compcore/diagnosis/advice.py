@@ -39,7 +39,11 @@ def _advised(diagnosis: Findings, most: int) -> list[Advice]:
             if not a.told_apart and separable(a.found.candidate.effect)
         ]
         if rivals and separable(effect):
-            found = _advise(result, established.found, rivals, most, variance=variance, share=share)
+            others = [e.found for e in diagnosis.established if e is not established]
+            found = _advise(
+                result, established.found, rivals, most,
+                beside=others, variance=variance, share=share,
+            )  # fmt: skip
             if any(a.separates for a in found):
                 return found
     return [a for a in _advise(result, None, (), most) if _worth(a)]

@@ -26,6 +26,7 @@ from abbe.compcore.effects.base import Effect
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import FitResult
 from abbe.compcore.linalg import svd
+from abbe.compcore.machine.machine import Machine
 
 F64 = NDArray[np.float64]
 
@@ -67,6 +68,7 @@ def advise(
     rivals: Sequence[WeighedCandidate],
     most: int = 4,
     *,
+    beside: Sequence[WeighedCandidate] = (),
     variance: float = 1.0,
     share: float = 1.0,
 ) -> list[Advice]:
@@ -80,6 +82,8 @@ def advise(
         The leading cause, or None where nothing is missing.
     rivals
         Its aliases, likeliest first; the first two are looked at.
+    beside
+        The other causes: whatever their coefficients are, they tell the two not apart.
     variance
         Noise variance in units of the weights: χ² per degree of freedom once all is explained.
     share
@@ -87,8 +91,8 @@ def advise(
     """
     machine = result.problem.model.machine
     proposals = list(practicable(machine, result.problem.campaign))
-    known = _Known(result, winner)
-    new = _New(result, winner, known.strength, proposals)
+    known = _Known(result, winner, beside)
+    new = _New(result, winner, known, proposals, beside)
     advice: list[Advice] = []
     for rival in rivals[:2] if winner is not None else ():
         now, separated = known.separations(rival, new)
@@ -101,7 +105,15 @@ def advise(
             Advice(proposal.what, cause, spec, apart, now, 0.0)
             for proposal, apart in zip(proposals, separated, strict=True)
         ]
-    advice = [a for a in advice if a.separation > a.separation_now + _TELLS]
+    turning = {axis for e in (winner, *rivals[:2]) if e for axis in _turns_of(e, machine)}
+    turned = {p.what for p in proposals if turning <= _moving(p.rows)}
+    advice = [
+        a
+        for a in advice
+        if a.separation > a.separation_now + _TELLS
+        and a.separation_now < _APART
+        and a.what in turned
+    ]
     at_hand = _at_hand(result.problem.campaign, proposals)
     advice = [a for a in advice if a.what in at_hand] or advice
     line = {p.what: p.line or p.what for p in proposals}
@@ -134,6 +146,17 @@ def advise(
     return plain[:most]
 
 
+def _turns_of(found: WeighedCandidate, machine: Machine) -> set[str]:
+    """The rotary axes on whose position a cause depends: at rest they tell nothing of it."""
+    used = found.candidate.effect.positions_used(machine)
+    return {axis for axis in used if machine.axes[axis].rotary}
+
+
+def _moving(rows: Campaign) -> set[str]:
+    """The axes that a set-up moves."""
+    return {a for a, q in rows.conditions.positions.items() if float(np.ptp(q)) > 0.0}
+
+
 def _at_hand(campaign: Campaign, proposals: Sequence[Proposal]) -> set[str]:
     """The proposals for which the campaign's own instruments do.
 
@@ -160,6 +183,12 @@ def _columns(problem: Problem, found: WeighedCandidate, theta: F64) -> F64:
     return problem.effect_columns(effect, nonlinear, found.candidate.at(theta))
 
 
+def _sizes(columns: F64) -> F64:
+    """The norms of columns, 1 where that is 0."""
+    size = np.linalg.norm(columns, axis=0)
+    return np.where(size > 0.0, size, 1.0)
+
+
 def _model_columns(problem: Problem, theta: F64, scale: F64) -> F64:
     """Columns of rows that have no base points, in units of the scales of all unknowns."""
     size = problem.layout.size
@@ -175,18 +204,33 @@ class _Known:
     ----------
     strength
         The winner's linear parameters as they would be fitted; empty without a winner.
+    largest, by
+        The norm of the model's largest column, and factors that bring the columns of the other
+        causes to it, an array (k,) for each.
     """
 
-    def __init__(self, result: FitResult, winner: WeighedCandidate | None) -> None:
+    def __init__(
+        self,
+        result: FitResult,
+        winner: WeighedCandidate | None,
+        beside: Sequence[WeighedCandidate] = (),
+    ) -> None:
         self._result = result
         problem = result.problem
         self._scale = problem.layout.scale
         self._model = result.eliminator.project(problem.columns(result.theta) * self._scale)
+        # as large as the model's largest: what is far smaller passes for what nobody sees
+        self.largest = float(np.linalg.norm(self._model, axis=0).max(initial=0.0)) or 1.0
+        others = [result.eliminator.project(_columns(problem, f, result.theta)) for f in beside]
+        self.by = [self.largest / _sizes(columns) for columns in others]
+        self._with_others = np.hstack(
+            [self._model, *(c * by for c, by in zip(others, self.by, strict=True))]
+        )
         self._signature: F64 | None = None
         self.strength: F64 = np.zeros(0)
         if winner is not None:
             own = result.eliminator.project(_columns(problem, winner, result.theta))
-            together = np.hstack([self._model, own])
+            together = np.hstack([self._with_others, own])
             beta = np.linalg.lstsq(together, result.weighted, rcond=1e-9)[0][-own.shape[1] :]
             self.strength = np.asarray(beta, dtype=np.float64)
             self._signature = own @ beta
@@ -210,7 +254,8 @@ class _Known:
         hidden = size <= _ROUNDING * usual
         other[:, hidden] = 0.0
         size[hidden] = np.where(usual[hidden] > 0.0, usual[hidden], 1.0)
-        columns = np.hstack([self._model, other / size])
+        size /= self.largest
+        columns = np.hstack([self._with_others, other / size])
         information, moment = columns.T @ columns, columns.T @ self._signature
         values, vectors = np.linalg.eigh(information)
         keep = values > _RIDGE * values[-1]
@@ -219,7 +264,7 @@ class _Known:
         total = float(self._signature @ self._signature)
         nothing = _ROUNDING * total
         now = total - float(imitated @ imitated)
-        every = np.hstack([new.model, own_new / size])
+        every = np.hstack([new.with_others, own_new / size])
         by_seen, by_unseen = every @ seen, every @ unseen
         missed = new.signature - by_seen @ imitated
         found = []
@@ -274,14 +319,17 @@ class _New:
     model, signature
         The model's columns in units of the unknowns' scales, and the winner's signature, with each
         set-up's zero taken out.
+    with_others
+        The model's columns and those of the other causes.
     """
 
     def __init__(
         self,
         result: FitResult,
         winner: WeighedCandidate | None,
-        strength: F64,
+        known: _Known,
         proposals: Sequence[Proposal],
+        beside: Sequence[WeighedCandidate] = (),
     ) -> None:
         planned = join_campaigns([p.rows for p in proposals])
         self._problem = Problem(result.problem.model, planned, bodies="none")
@@ -293,9 +341,12 @@ class _New:
         ]
         scale = result.problem.layout.scale
         self.model = self._eliminator.project(_model_columns(self._problem, self._theta, scale))
+        self.with_others = np.hstack(
+            [self.model, *(self.columns(f) * by for f, by in zip(beside, known.by, strict=True))]
+        )
         self.signature = np.zeros(self._problem.n)
         if winner is not None:
-            self.signature = self.columns(winner) @ strength
+            self.signature = self.columns(winner) @ known.strength
 
     def columns(self, found: WeighedCandidate) -> F64:
         """A candidate's columns on all rows, each set-up's zero taken out."""

@@ -110,6 +110,7 @@ def practicable(machine: Machine, campaign: Campaign) -> Iterator[Proposal]:
                 effort=1.5,
             )
     yield from _diagonals(machine, campaign, axes, tools[usual])
+    yield from _turned(machine, campaign, tools[usual])
     yield from _warmed(machine, campaign, axes, tools[usual])
 
 
@@ -133,6 +134,23 @@ def _diagonals(
             _line(campaign, machine, parts, u, tool),
             effort=2.0,
         )
+
+
+def _turned(machine: Machine, campaign: Campaign, tool: F64) -> Iterator[Proposal]:
+    """Each rotary axis turned from end to end, and the error in each direction meanwhile."""
+    for axis in machine.structure.axes:
+        if not machine.axes[axis].rotary or axis not in campaign.conditions.positions:
+            continue
+        for u, letter in zip(np.eye(3), "XYZ", strict=True):
+            yield Proposal(
+                said(
+                    "the error in {u} while {axis} turns through its travel, all others at rest",
+                    u=letter,
+                    axis=axis,
+                ),
+                _line(campaign, machine, {axis: (0.02, 0.98)}, u, tool),
+                effort=2.0,
+            )
 
 
 def _warmed(

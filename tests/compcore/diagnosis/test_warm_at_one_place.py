@@ -8,6 +8,7 @@ from functools import cache
 
 import pytest
 
+from abbe.compcore.diagnosis.advice import advise
 from abbe.compcore.diagnosis.explain import explanation
 from abbe.compcore.diagnosis.verdict import Diagnosis, diagnose
 from abbe.compcore.effects.catalogue.temperature.shifts import ThermalOffset
@@ -86,6 +87,16 @@ def test_growth_that_was_seen_at_one_z_is_a_shift_and_another_z_decides() -> Non
     apart = [a.found.candidate.effect.spec for a in first.aliases if not a.told_apart]
     assert "scale_expansion axis=Z signals=T_bearing tau=fit" in apart
     assert "Warm at another Z decides" in explanation(first, found)
+
+
+def test_what_to_measure_next_is_what_the_campaign_cannot_tell_now() -> None:
+    """Before, χ² of thousands "now" beside "cannot tell it from": the rival passed for unseen."""
+    found = spindle_at_one_place((-150.0,))
+    first = advise(found)[0]
+    rivals = {a.found.candidate.effect.spec: a for a in found.established[0].aliases}
+    now = rivals[first.separates or ""].separation
+    assert first.separation_now == pytest.approx(now, rel=0.2, abs=1.0)
+    assert first.separation_now < 14.0 < first.separation
 
 
 def test_growth_that_was_seen_at_several_z_needs_no_other() -> None:
