@@ -72,7 +72,7 @@ def test_bridge_backlash_and_warm_up_are_both_found() -> None:
 def test_what_a_campaign_tells_apart_is_not_called_the_same() -> None:
     """Another that explains as much, and would show elsewhere, is no reason to measure again."""
     found = _diagnosed("p01-mill")
-    one, other = (f for f in found.ranked[5:7])
+    one, other = found.ranked[1], found.ranked[5]
     first = replace(found.established[0], aliases=(Alias(one, 3.0, 0.99), Alias(other, 20.0, 0.9)))
     text = explanation(first, found)
     assert f"cannot tell it from: {one.candidate.effect.spec}." in text
