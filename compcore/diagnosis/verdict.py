@@ -21,7 +21,12 @@ from abbe.compcore.diagnosis.advice import Advice, advise
 from abbe.compcore.diagnosis.changed import Standing, standing
 from abbe.compcore.diagnosis.explain import headline, parameter
 from abbe.compcore.diagnosis.findings import Established, Findings, Verdict, measured_kinds
-from abbe.compcore.diagnosis.judging.competition import compete, rivals, standing_beside
+from abbe.compcore.diagnosis.judging.competition import (
+    compete,
+    reversals_described,
+    rivals,
+    standing_beside,
+)
 from abbe.compcore.diagnosis.judging.established import (
     established_cause,
     on_all_rows,
@@ -229,6 +234,7 @@ def _diagnosed(
     basis, chosen, ranked = foretelling(pool, basis, blocks)
     progress("looking for structure that is in no catalogue")
     patterns = Patterns(result.problem, result.theta, frames)
+    chosen = chosen or reversals_described(pool, basis, patterns, blocks)
     found = {f.key for f in chosen}
     chosen, unexplained = compete(pool, basis, chosen, patterns, blocks)
     if any(f.key not in found for f in chosen):

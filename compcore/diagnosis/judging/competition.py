@@ -115,6 +115,22 @@ def _judged(
     return more, described + [s for s in strong[1:] if s not in described]
 
 
+def reversals_described(
+    pool: Pool, basis: Basis, patterns: Patterns, blocks: Blocks
+) -> list[WeighedCandidate]:
+    """The reversals of an axis that a description, established of all rows, would say without name.
+
+    Where no cause stands with the few rows that are independent, what is left is described as it
+    is, with all rows. What then flips with an axis's direction is its reversal: a formula of the
+    direction would be the same correction, and say less.
+    """
+    strong = patterns.established(basis)
+    if not strong or not any(name.endswith("_dir") for name in strong[0].depends_on):
+        return []
+    found, _ = search(pool, basis)
+    return predicting(pool, basis, _reversals(pool, basis, found, strong[0]), blocks)
+
+
 def _reversals(
     pool: Pool, basis: Basis, chosen: Sequence[WeighedCandidate], described: ResidualPattern
 ) -> list[WeighedCandidate]:

@@ -62,3 +62,36 @@ def test_a_screw_worn_in_the_middle_has_play_along_its_travel() -> None:
     text = campaign(lambda x, _: -3.0 - 9.0 * np.exp(-(((x - 700.0) / 190.0) ** 2)))
     found = diagnose(model, trial.as_campaign(text, model))
     assert {e.effect.kind for e in found.established} == {"backlash"}
+
+
+CARRIAGE = """format = "abbe-model/1"
+[machine]
+name = "carriage"
+structure = "w b Z t"
+[machine.axes.Z]
+travel = [-15.0, 5.0]
+[[effects]]
+kind = "positioning"
+axis = "Z"
+shape = "table"
+positions = [-15.0, -10.0, -5.0, 0.0, 5.0]
+"""
+CREEP = -0.12
+"""How far the zero creeps from pass to pass, µm, as that of a real carriage did."""
+
+
+def test_play_of_five_targets_whose_zero_creeps_is_play() -> None:
+    """ISO 230-2, three cycles by the clock; before, a formula of Z_dir alone."""
+    targets = np.array([-15.0, -10.0, -5.0, 0.0, 5.0])
+    z = np.concatenate([targets, targets[::-1]] * 3)
+    way = np.tile(np.repeat((1, -1), 5), 3)
+    read = 5.0 * np.sin(z) - 0.7 * way + CREEP * (np.arange(30) // 5)
+    read += np.random.default_rng(3).normal(0.0, 0.22, len(z))
+    text = '# format = "abbe-campaign/1"\n# [setups.s]\n# free = ["zero"]\n'
+    text += "time,setup,kind,Z,Z_dir,ux,uy,uz,value\n"
+    for k, (at, d, value) in enumerate(zip(z, way, read, strict=True)):
+        text += f"{60 * k},s,displacement,{at:g},{d},0,0,1,{value:.3f}\n"
+    model = parse_model(TomlSource(CARRIAGE))
+    found = diagnose(model, trial.as_campaign(text, model))
+    assert [e.effect.spec for e in found.established][:1] == ["backlash axis=Z"]
+    assert not any("Z_dir" in s.depends_on for s in found.structure)
