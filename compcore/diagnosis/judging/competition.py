@@ -12,7 +12,7 @@ from dataclasses import replace
 from abbe.compcore.diagnosis.judging.foretelling import ALIKE, predicting
 from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.evidence import CONVINCING
-from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
+from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks, passes
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import LeftOut, gain
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
@@ -33,6 +33,9 @@ of it: what is left is a thirtieth in size."""
 
 _MOST_OF = 0.5
 """Part of what the best description explains from which on reversals are what it describes."""
+
+_PASSES = 4
+"""Passes along an axis, two each way, from which on what flips from one to the next is no drift."""
 
 BEYOND_DOUBT = 40.0
 """Least evidence of a cause that is found beside structure which no cause explains."""
@@ -122,12 +125,19 @@ def reversals_described(
 
     Where no cause stands with the few rows that are independent, what is left is described as it
     is, with all rows. What then flips with an axis's direction is its reversal: a formula of the
-    direction would be the same correction, and say less.
+    direction would be the same correction, and say less. Of a play along the axis, and of one way
+    there and back, nothing is said: what drifts meanwhile is that too.
     """
     strong = patterns.established(basis)
     if not strong or not any(name.endswith("_dir") for name in strong[0].depends_on):
         return []
-    found, _ = search(pool, basis)
+    found = [
+        f
+        for f in search(pool, basis)[0]
+        if isinstance(f.candidate.effect, ReversalEffect)
+        and f.screened.rank == 1
+        and len(passes(blocks.conditions, f.candidate.effect.axis)) >= _PASSES
+    ]
     return predicting(pool, basis, _reversals(pool, basis, found, strong[0]), blocks)
 
 
