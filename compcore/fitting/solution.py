@@ -91,6 +91,14 @@ class Solution:
         """χ² divided by the degrees of freedom; 1 when model and uncertainties are right."""
         return self.chi2 / self.dof if self.dof > 0 else float("nan")
 
+    def chi2_beside(self, other: Solution) -> float:
+        """χ² of this fit's residuals in the uncertainties of another fit to the same rows.
+
+        Where nobody stated an uncertainty each fit takes it from what it leaves itself, and its own
+        χ² is the degrees of freedom, however much that is: two fits compare in those of one.
+        """
+        return float(np.sum((self.residual * other.problem.weight) ** 2))
+
     @property
     def misfit(self) -> bool:
         """Whether χ² rejects the model: so large by chance in less than 1 of 10 000 fits.

@@ -22,7 +22,7 @@ from abbe.compcore.diagnosis.screening.left_out.crossvalidation import gain
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
 from abbe.compcore.diagnosis.screening.pool import Pool, WeighedCandidate
 from abbe.compcore.diagnosis.screening.projection.basis import Basis
-from abbe.compcore.diagnosis.screening.search import LEADERS, search, taken
+from abbe.compcore.diagnosis.screening.search import LEADERS, joint_value, search, taken
 from abbe.compcore.diagnosis.screening.suddenness import stepping
 
 ALIKE = 0.9
@@ -64,10 +64,39 @@ def foretelling(
         together = _together(pool, basis, chosen, blocks)
         left = pool.left_out(pool.joined(basis, together), blocks.usual).residual
         basis = replace(basis, share=max(share, independent_share(left, blocks.conditions)))
+        first = _standing(pool, basis, chosen)
         chosen, ranked = search(pool, basis)
+        chosen = max((chosen, first), key=lambda found: _worth(pool, basis, found))
     chosen = _guided(pool, basis, _reading(pool, basis, chosen, blocks), blocks)
     chosen = predicting(pool, basis, chosen, blocks)
     return basis if chosen else replace(basis, share=1.0), chosen, ranked
+
+
+def _standing(
+    pool: Pool, basis: Basis, found: Sequence[WeighedCandidate]
+) -> list[WeighedCandidate]:
+    """Those of several causes that fewer rows still establish, each beside the others.
+
+    The weakest goes first. Two bodies that warm at their own pace are found together or not at all:
+    a search that begins anew with few rows finds neither beside the other's whole signature.
+    """
+    kept = list(found)
+    while kept:
+        after = [
+            pool.weighed(pool.joined(basis, (g for g in kept if g.key != f.key)), [f])[0]
+            for f in kept
+        ]
+        weak = [f for f in after if not f.established(basis.n)]
+        if not weak:
+            return sorted(after, key=lambda f: -f.evidence.value)
+        weakest = min(weak, key=lambda f: f.evidence.value)
+        kept = [f for f in kept if f.key != weakest.key]
+    return []
+
+
+def _worth(pool: Pool, basis: Basis, found: Sequence[WeighedCandidate]) -> float:
+    """Evidence of several causes together; 0 of none."""
+    return joint_value(basis, pool.joined(basis, found), found) if found else 0.0
 
 
 def _reading(

@@ -70,12 +70,14 @@ def by_another_thermometer(model: Model, effect: Effect) -> bool:
 def comes(result: FitResult, effect: Effect) -> bool:
     """Whether what lags behind a signal comes within the time that was measured.
 
-    Behind a longer lag any signal is a ramp, and says nothing of another day.
+    Behind a longer lag any signal is a ramp, and says nothing of another day. A lag that is longer
+    by less than its standard uncertainty is not known to be.
     """
     values = next((t.values for t in result.model.terms if t.effect == effect), {})
     if "tau" not in values or not effect.signals_needed():
         return True
-    return values["tau"].value <= result.problem.campaign.coverage().duration
+    shortest = values["tau"].value - (values["tau"].sd or 0.0)
+    return shortest <= result.problem.campaign.coverage().duration
 
 
 def sound(model: Model, effect: Effect) -> bool:

@@ -103,6 +103,7 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
     found: list[Candidate] = []
     seen: set[str] = set()
     lasers = stated_laser(campaign)
+    one_place = all(n <= 1 for n in coverage.places.values())
     for cls in effect_kinds().values():
         if cls.kind in OF_A_LASER and not lasers:
             continue
@@ -112,6 +113,8 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
                 continue
             if not coverage.duration and getattr(effect, "tau", None) is not None:
                 continue  # no clock, no lag
+            if _says_again(effect, model.effects, one_place):
+                continue
             try:
                 effect.check(machine)
             except InputError:
@@ -148,6 +151,25 @@ def _not_yet(effect: Effect, present: set[Cause]) -> Effect | None:
     while found is not None and identity(found) in present:
         found = found.next_one()
     return found
+
+
+def _says_again(effect: Effect, known: Sequence[Effect], one_place: bool) -> bool:
+    """Whether a shift by a difference stands beside a shift by one of its two thermometers.
+
+    The other thermometer alone says as much then; the difference at once beside a body that follows
+    late would be that body's derivative. At one place a lean is such a shift.
+    """
+    read = set(effect.signals_needed())
+    if len(read) < 2 or effect.kind not in ("thermal_offset", "thermal_tilt"):
+        return False
+    if effect.kind == "thermal_tilt" and not one_place:
+        return False
+    beside = (e for e in known if e.kind == "thermal_offset" and len(e.signals_needed()) == 1)
+    along = getattr(effect, "direction", None)
+    return any(
+        set(e.signals_needed()) <= read and along in (None, getattr(e, "direction", ""))
+        for e in beside
+    )
 
 
 def acts_everywhere(effect: Effect, coverage: Coverage) -> bool:

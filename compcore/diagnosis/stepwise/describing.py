@@ -45,12 +45,19 @@ def describe(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
 
 
 def _beside(growing: GrowingModel, found: tuple[Grown, FitResult] | None) -> bool:
-    """Describe beside the causes, unless that is how readings were rounded, or spoils others."""
+    """Describe beside the causes, unless that is how readings were rounded, or spoils others.
+
+    Nor where a body that lagged behind its signal then lags by more than the campaign lasted.
+    """
     if found is None:
         return False
     more, result = found
     out = LeftOutErrors.of(result)
-    if _of_steps(result, out) or growing.spoils(result, [one for _, one in more]):
+    if (
+        _of_steps(result, out)
+        or growing.goes_late(result)
+        or growing.spoils(result, [one for _, one in more])
+    ):
         return False
     growing.make_together("described", "described", more, result, out)
     return True

@@ -129,7 +129,7 @@ class GrowingModel:
         if not beyond_first_order(now.thin, now.chi2 / max(1, now.dof)) or cancelling(now)[1]:
             return  # angles that are large only against each other are no machine's
         full = fit(replace(now.model, composition="exact"), self.campaign, near=True)
-        if full.chi2 < now.chi2 and not cancelling(full)[1]:
+        if full.chi2_beside(now) < now.chi2 and not cancelling(full)[1]:
             self.make("composed", None, full, LeftOutErrors.of(full))
 
     def refused_now(self, effect: Effect) -> bool:
@@ -259,6 +259,11 @@ class GrowingModel:
         self.spoiling[tuple(e.spec for e in changed)] = tuple(changed)
         return True
 
+    def goes_late(self, result: FitResult, changed: Sequence[Effect] = ()) -> bool:
+        """Whether an effect, or a changed one, lags by more in a fit than the campaign lasted."""
+        late = [e for e in result.model.effects if not comes(result, e)]
+        return any(e in changed or comes(self.last.result, e) for e in late)
+
     def better(
         self, model: Model, changed: Sequence[Effect], falls: float
     ) -> tuple[FitResult, LeftOutErrors] | None:
@@ -280,7 +285,7 @@ class GrowingModel:
             return None
         if not all(b.plausible for b in begun(result.problem, result.theta)):
             return None  # a body that began where none can have been is no body
-        if not all(sound(result.model, e) and comes(result, e) for e in changed):
+        if not all(sound(result.model, e) for e in changed) or self.goes_late(result, changed):
             return None
         if any(beyond_what_was_seen(result, e) for e in changed):
             return None

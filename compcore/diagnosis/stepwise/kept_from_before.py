@@ -60,7 +60,8 @@ def kept_from_before(
         found = renew(given, first.result, last.result)
     except NotRenewedError:
         return None
-    if not found.chi2_per_dof <= _NO_WORSE * max(1.0, last.result.chi2_per_dof):
+    most = _NO_WORSE * max(1.0, last.result.chi2_per_dof)
+    if not found.chi2_beside(last.result) <= most * last.result.dof:
         return None
     if unseen is not None and unseen.spoilt(last.result.model, found.model):
         return None

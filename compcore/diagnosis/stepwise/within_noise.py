@@ -49,7 +49,7 @@ def _not_needed(growing: GrowingModel, effect: Effect) -> FitResult | None:
         result = fit(less, growing.campaign, near=True)
     except FitError:
         return None
-    if result.chi2 - now.chi2 > CERTAINLY_APART * now.chi2_per_dof:
+    if result.chi2_beside(now) - now.chi2 > CERTAINLY_APART * now.chi2_per_dof:
         return None
     with_it, without = LeftOutErrors.beside(now, result, (effect,))
     needed = surely(without.left, with_it.left, now.thin.problem.weight)
