@@ -183,6 +183,8 @@ def cost_of(effect: Effect, machine: Machine, setups: int) -> float:
         cost += 2.0  # one that no lever tells from a backlash is a backlash
     if getattr(effect, "tau", None) == "fit":
         cost += 1.0
+    if effect.kind == "thermal_offset" and len(effect.signals_needed()) > 1:
+        cost += 3.0  # against another body's warmth: rarer than one body that warms
     if effect.kind == "thermal_tilt":
         cost += 3.0  # one that no lever shows is an offset
     if effect.kind == "cross_angular" and not _carries(machine, effect):
