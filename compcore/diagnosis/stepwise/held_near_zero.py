@@ -38,7 +38,7 @@ def held_near_zero(last: Step, unseen: UnseenCampaign | None) -> Step | None:
         return None
     held = cautiously(result)
     most = _NO_WORSE * max(1.0, result.chi2_per_dof)
-    if held.caution is None or not held.chi2_beside(result) <= most * result.dof:
+    if held.caution is None or not held.chi2_beside(result) <= most * held.dof:
         return None
     if _running(held) >= before:
         return None

@@ -61,7 +61,7 @@ def kept_from_before(
     except NotRenewedError:
         return None
     most = _NO_WORSE * max(1.0, last.result.chi2_per_dof)
-    if not found.chi2_beside(last.result) <= most * last.result.dof:
+    if not found.chi2_beside(last.result) <= most * found.dof:
         return None
     if unseen is not None and unseen.spoilt(last.result.model, found.model):
         return None
