@@ -113,7 +113,7 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
                 continue
             if not coverage.duration and getattr(effect, "tau", None) is not None:
                 continue  # no clock, no lag
-            if _says_again(effect, model.effects, one_place):
+            if one_place and _says_again(effect, model.effects):
                 continue
             try:
                 effect.check(machine)
@@ -153,16 +153,14 @@ def _not_yet(effect: Effect, present: set[Cause]) -> Effect | None:
     return found
 
 
-def _says_again(effect: Effect, known: Sequence[Effect], one_place: bool) -> bool:
+def _says_again(effect: Effect, known: Sequence[Effect]) -> bool:
     """Whether a shift by a difference stands beside a shift by one of its two thermometers.
 
-    The other thermometer alone says as much then; the difference at once beside a body that follows
-    late would be that body's derivative. At one place a lean is such a shift.
+    Seen at one place, where a lean is a shift: the other thermometer alone says as much then, and
+    the difference at once beside a body that follows late would be that body's derivative.
     """
     read = set(effect.signals_needed())
     if len(read) < 2 or effect.kind not in ("thermal_offset", "thermal_tilt"):
-        return False
-    if effect.kind == "thermal_tilt" and not one_place:
         return False
     beside = (e for e in known if e.kind == "thermal_offset" and len(e.signals_needed()) == 1)
     along = getattr(effect, "direction", None)
