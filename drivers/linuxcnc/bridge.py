@@ -33,9 +33,9 @@ from types import FrameType
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from abbe.drivers.linuxcnc.external_offset import ANSWER_TIME, Offset
+    from abbe.drivers.linuxcnc.external_offset import ANSWER_TIME, PAUSE, Offset
 else:
-    from external_offset import ANSWER_TIME, Offset  # run as a script, beside that file
+    from external_offset import ANSWER_TIME, PAUSE, Offset  # run as a script, beside that file
 
 HAL_KEY = 0x48414C32
 """Of HAL's shared memory (hal_priv.h). Attaching to what is not there would create it."""
@@ -173,7 +173,7 @@ class Bridge:
             moved.want(offset)
             moved.ramp, moved.lease_ends = None, now + self._settings["lease"]
         offsets = [self._offsets[axis] for axis in wanted]
-        deadline = time.monotonic() + ANSWER_TIME
+        deadline = max(now + ANSWER_TIME, min(until, now + PAUSE))
         while not all(offset.settled for offset in offsets) and time.monotonic() < deadline:
             time.sleep(0.0003)
         get = self._hal.get_value

@@ -15,6 +15,8 @@ from typing import Any
 
 ANSWER_TIME = 0.02
 """s in which the servo thread takes up changed counts: twenty of its usual periods."""
+PAUSE = 0.2
+"""s for which a busy computer may keep the servo thread waiting before it takes counts up."""
 
 
 class Offset:

@@ -16,7 +16,7 @@ from dataclasses import replace
 import numpy as np
 
 from abbe.compcore.diagnosis.screening.candidates import ALONG_AN_AXIS, RIGID
-from abbe.compcore.diagnosis.screening.evidence import INDISTINCT
+from abbe.compcore.diagnosis.screening.evidence import CONVINCING, INDISTINCT
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import gain
 from abbe.compcore.diagnosis.screening.left_out.independence import independent_share
@@ -66,7 +66,10 @@ def foretelling(
         basis = replace(basis, share=max(share, independent_share(left, blocks.conditions)))
         first = _standing(pool, basis, chosen)
         chosen, ranked = search(pool, basis)
-        chosen = max((chosen, first), key=lambda found: _worth(pool, basis, found))
+        bodies = sum(bool(f.candidate.effect.signals_needed()) for f in first)
+        convinces = _worth(pool, basis, first) > _worth(pool, basis, chosen) + CONVINCING
+        if bodies > 1 and convinces:
+            chosen = first
     chosen = _guided(pool, basis, _reading(pool, basis, chosen, blocks), blocks)
     chosen = predicting(pool, basis, chosen, blocks)
     return basis if chosen else replace(basis, share=1.0), chosen, ranked

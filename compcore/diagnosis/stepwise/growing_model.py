@@ -34,6 +34,7 @@ Progress = Callable[[str], None]
 NO_WORSE = 1.0 + 1e-9
 """Part of the left-out χ² up to which nothing is lost; what others can say rounds to a little more
 than 1 or a little less, as the processor has it."""
+NO_BETTER = "left-out blocks are not predicted better with it"
 FALLS = 0.998
 """Part of the left-out χ² below which an addition's or a lag's has fallen."""
 
@@ -58,6 +59,8 @@ class GrowingModel:
         Those of the added that no cause was named by: a curve or a formula that foretells.
     refused
         Effect → after how many steps it was refused.
+    why
+        Spec of what was refused → why, in words that follow *not kept,*.
     superfluous
         What was taken out again, by its spec, and the specs of the effects beside which it was.
     regressed
@@ -86,6 +89,7 @@ class GrowingModel:
         self.spoiling: dict[tuple[str, ...], tuple[Effect, ...]] = {}
         self._on_step, self.progress = on_step, progress
         self.refused: dict[Effect, int] = {}
+        self.why: dict[str, str] = {}
         self.superfluous: dict[str, frozenset[str]] = {}
         self.steps: list[Step] = []
         self.added: list[Effect] = []
@@ -259,6 +263,24 @@ class GrowingModel:
         self.spoiling[tuple(e.spec for e in changed)] = tuple(changed)
         return True
 
+    def _unsound(self, result: FitResult, changed: Sequence[Effect]) -> str:
+        """Why a change is none that a machine or a thermometer makes; empty where it may be."""
+        model = result.model
+        if not all(apart(model, e) for e in changed):
+            return "its two bodies follow the signal alike"
+        if not all(b.plausible for b in begun(result.problem, result.theta)):
+            return "its body would have begun where none can have been"
+        if not all(sound(model, e) for e in changed):
+            return "its value is beyond what is believable, or its lag was not measured"
+        if self.goes_late(result, changed):
+            return "a body would lag by more than the campaign lasted"
+        if any(beyond_what_was_seen(result, e) for e in changed):
+            return "were its signal to stay, it would say ten times all that was measured"
+        known = {e for e in self.last.result.model.effects if absurd(self.last.result.model, e)}
+        if any(absurd(model, e) for e in model.effects if e not in known):
+            return "with it an effect would err beyond all that machines do"
+        return ""
+
     def goes_late(self, result: FitResult, changed: Sequence[Effect] = ()) -> bool:
         """Whether an effect, or a changed one, lags by more in a fit than the campaign lasted."""
         late = [e for e in result.model.effects if not comes(result, e)]
@@ -279,18 +301,11 @@ class GrowingModel:
         if any(e in model.effects and by_another_thermometer(model, e) for e in changed):
             falls = min(falls, BY_ANOTHER_BODY)
         before, after = LeftOutErrors.beside(self.last.result, result, changed)
-        if before.falls_to(after, result, bound=bound) > falls:
-            return None
-        if not all(apart(result.model, e) for e in changed):
-            return None
-        if not all(b.plausible for b in begun(result.problem, result.theta)):
-            return None  # a body that began where none can have been is no body
-        if not all(sound(result.model, e) for e in changed) or self.goes_late(result, changed):
-            return None
-        if any(beyond_what_was_seen(result, e) for e in changed):
-            return None
-        known = {e for e in self.last.result.model.effects if absurd(self.last.result.model, e)}
-        if any(absurd(result.model, e) for e in result.model.effects if e not in known):
+        why = NO_BETTER
+        if before.falls_to(after, result, bound=bound) <= falls:
+            why = self._unsound(result, changed)
+        if why:
+            self.why |= {e.spec: why for e in changed}
             return None
         if self.spoils(result, changed):
             return None

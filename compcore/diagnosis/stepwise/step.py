@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.diagnosis.findings import measured_kinds
@@ -65,17 +66,20 @@ class Course:
     steps
         The first is the model as it was given, fitted.
     refused
-        Effects that a diagnosis proposed and that predict left-out blocks no better.
+        Effects that a diagnosis proposed and that were not taken.
     diagnosis
         Of the last model.
     spoiling
         Effects, or sets of them, with which the held-out campaign is predicted worse.
+    why
+        Spec of each refused effect → why, in words that follow *not kept,*.
     """
 
     steps: tuple[Step, ...]
     refused: tuple[Effect, ...]
     diagnosis: Diagnosis
     spoiling: tuple[tuple[Effect, ...], ...] = ()
+    why: Mapping[str, str] = field(default_factory=dict)
 
     @property
     def last(self) -> Step:

@@ -20,7 +20,7 @@ from abbe.compcore.diagnosis.screening.body_motions import of_a_body
 from abbe.compcore.diagnosis.screening.candidates import ALONG_AN_AXIS, RIGID
 from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
 from abbe.compcore.diagnosis.stepwise.describing import describe
-from abbe.compcore.diagnosis.stepwise.growing_model import GrowingModel, Progress
+from abbe.compcore.diagnosis.stepwise.growing_model import NO_BETTER, GrowingModel, Progress
 from abbe.compcore.diagnosis.stepwise.held_near_zero import held_near_zero
 from abbe.compcore.diagnosis.stepwise.kept_from_before import accused_steps, kept_from_before
 from abbe.compcore.diagnosis.stepwise.step import Course, Step, leaves_noise
@@ -218,7 +218,8 @@ def _followed(growing: GrowingModel) -> Course:
     spoiling = tuple(s for s in growing.spoiling.values() if not kept.issuperset(s))
     named = {e for s in spoiling for e in s}
     refused = tuple(e for e in refused if e not in named)
-    return Course(tuple(growing.steps), refused, diagnosis, spoiling)
+    why = {e.spec: growing.why.get(e.spec, NO_BETTER) for e in refused}
+    return Course(tuple(growing.steps), refused, diagnosis, spoiling, why)
 
 
 def _add_another(growing: GrowingModel, diagnosis: Diagnosis) -> bool:

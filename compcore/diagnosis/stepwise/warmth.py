@@ -122,6 +122,8 @@ def _detailed(
     more, _ = with_effect(before, fuller.kind, fuller.where())
     found = growing.better(more, (fuller,), FALLS)
     if found is None or not worth(growing.last.result, found[0]):
+        if found is not None:
+            growing.why[fuller.spec] = "it is not worth its coefficients"
         growing.refused[fuller] = len(growing.steps)
         return False
     growing.make(action, fuller, *found)

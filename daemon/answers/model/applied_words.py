@@ -24,7 +24,7 @@ _NOTHING = 1e-9
 def as_text(course: Course, model: Model) -> Iterator[str]:
     """What was refused, the model that was reached, and what of it the campaign does not show."""
     for effect in course.refused:
-        yield f"not kept, left-out blocks are not predicted better with it: {effect.spec}"
+        yield f"not kept, {course.why[effect.spec]}: {effect.spec}"
     yield from _refused_by_others(course)
     yield from run_away_lines(model, course.last.result.problem.campaign.conditions)
     yield from cancel_lines(course.last.result)

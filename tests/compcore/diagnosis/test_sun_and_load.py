@@ -59,7 +59,7 @@ def test_a_load_cell_in_a_second_run() -> None:
     bending, rest = found.effects
     assert bending.kind == "load_bending"
     load = run.conditions.signals["load"]
-    middle = f"((load-{load.mean():g})/{np.ptp(load) / 2:g})**2"
+    middle = f"(load-{load.mean():g})**2"
     assert rest.spec == f"formula channel=dZ terms={middle}"
     assert [s.action for s in course.steps] == ["began", "added", "described"]
     assert course.diagnosis.verdict == "complete"

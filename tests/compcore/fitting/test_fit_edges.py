@@ -44,7 +44,7 @@ def test_effects_that_nothing_shows_stay_at_nothing_and_are_reported() -> None:
     result = fit(wanted, some_rows(20, signals={"T": 21.0}))
     alpha = result.model.terms[0].values["alpha"]
     assert alpha.value == pytest.approx(0.0, abs=1e-15)
-    assert alpha.sd == pytest.approx(22.5e-6)
+    assert alpha.sd == pytest.approx(15e-6)
     (combination,) = [u for u in result.undetermined if not u.convention]
     assert combination.effects == ("scale_expansion axis=Z signals=T",)
 

@@ -65,7 +65,7 @@ def test_a_page_as_json(abbe):
     page = json.loads(out)
     assert status == 0
     assert tuple(page["sections"]) == SECTIONS
-    assert page["usage"] == "cyclic axis=… [harmonics=1] [period=…]"
+    assert page["usage"] == "cyclic axis=… [harmonics=1] [period=…] [number=…]"
     assert page["keys"][1] == {
         "name": "harmonics",
         "required": False,

@@ -201,7 +201,7 @@ def _held_then_ramped(story: list[Cycle], before: float) -> None:
     assert story[-1]["time"] - story[0]["time"] >= 2.9
     assert all(abs(c["correction"]["X"] - before) < 1e-4 for c in held)
     # what is ramped follows the machine, which warms on: two cycles close together may rise by that
-    assert all(abs(b) < abs(a) + 1e-5 for a, b in pairwise(falling))
+    assert all(abs(b) < abs(a) + 5e-5 for a, b in pairwise(falling))
     assert story[-1]["correction"]["X"] == 0.0
     assert story[-1]["corrected"]["X"] == story[-1]["indicated"]["X"]
 
