@@ -57,7 +57,11 @@ def disagreeing(diagnosis: Findings) -> Iterator[Sentence]:
 def _best(
     whole: FitResult, groups: Iterable[tuple[str, ...]]
 ) -> tuple[float, tuple[str, ...]] | None:
-    """χ² per degree of freedom without a group, and the group without which it is least."""
+    """χ² per degree of freedom without a group, and the group without which it is least.
+
+    In the uncertainties of all rows: where nobody stated any, each fit takes its own from what it
+    leaves, and its own χ² is the degrees of freedom.
+    """
     campaign = whole.problem.campaign
     setups = campaign.conditions.setup
     if setups is None:
@@ -72,6 +76,7 @@ def _best(
         except AbbeError:
             continue
         least = _FALLS * whole.chi2_per_dof if best is None else best[0]
-        if without.dof > 0 and without.chi2_per_dof < least:
-            best = (without.chi2_per_dof, group)
+        chi2 = float(np.sum((without.residual * whole.problem.weight[kept]) ** 2))
+        if without.dof > 0 and chi2 < least * without.dof:
+            best = (chi2 / without.dof, group)
     return best

@@ -36,6 +36,24 @@ def excess(machine: Machine, conditions: Conditions, name: str, tau: float | Non
     return value - machine.reference_temperature if machine.signals[name].temperature else value
 
 
+def require_temperatures(machine: Machine, field: str, names: Iterable[str]) -> None:
+    """Refuse signals that are no temperatures (degC, K), where a body is to expand by them.
+
+    Raises
+    ------
+    InputError
+        Of the first that is none, with the field of the effect that names it.
+    """
+    for name in names:
+        if not machine.signals[name].temperature:
+            raise InputError(
+                "not a temperature",
+                field=field,
+                found=f"{name} in {machine.signals[name].unit}",
+                expected="a signal in degC or K",
+            )
+
+
 def recorded(
     machine: Machine, coverage: Coverage, *, temperature: bool | None = None
 ) -> list[Signal]:

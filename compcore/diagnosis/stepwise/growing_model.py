@@ -267,7 +267,7 @@ class GrowingModel:
         """Why a change is none that a machine or a thermometer makes; empty where it may be."""
         model = result.model
         if not all(apart(model, e) for e in changed):
-            return "its two bodies follow the signal alike"
+            return "what it would say twice, two bodies or two waves, is one"
         if not all(b.plausible for b in begun(result.problem, result.theta)):
             return "its body would have begun where none can have been"
         if not all(sound(model, e) for e in changed):

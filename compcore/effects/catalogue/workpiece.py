@@ -8,9 +8,8 @@ from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import WORKPIECE, Effect, ErrorMotion, Motion, Parameter
 from abbe.compcore.effects.keys import Vector
 from abbe.compcore.effects.registry import register
-from abbe.compcore.effects.signals import by_sense, excess, recorded
+from abbe.compcore.effects.signals import by_sense, excess, recorded, require_temperatures
 from abbe.compcore.effects.targets import TRANSLATIONS
-from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine
@@ -52,13 +51,7 @@ class WorkpieceExpansion(Effect):
     def check(self, machine: Machine) -> None:
         """A temperature."""
         super().check(machine)
-        if not machine.signals[self.signal].temperature:
-            raise InputError(
-                "not a temperature",
-                field="signal",
-                found=f"{self.signal} in {machine.signals[self.signal].unit}",
-                expected="a signal in degC or K",
-            )
+        require_temperatures(machine, "signal", [self.signal])
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The expansion coefficient."""

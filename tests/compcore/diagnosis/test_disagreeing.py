@@ -22,7 +22,7 @@ MACHINE = Machine("m", Structure.parse("w b X Y Z t"), AXES, {})
 MODEL = Model(MACHINE, (Term(Positioning(axis="X", shape="polynomial:2")),))
 
 
-def lines(wrong: float):
+def lines(wrong: float, stated: bool = True):
     """Four lines along X by a laser, two by a gauge whose form is not what was said, µm."""
     rng = np.random.default_rng(5)
     rows = ['# format = "abbe-campaign/1"', "setup,kind,X,Y,Z,X_dir,ux,uy,uz,value,sd"]
@@ -30,13 +30,18 @@ def lines(wrong: float):
         for x in np.linspace(0.0, 500.0, 21):
             value = 4.0 * (x / 500.0) ** 2 + rng.normal(0.0, 0.3)
             value += wrong * np.sin(x / 30.0) if name.startswith("g") else 0.0
-            rows.append(f"{name},displacement,{x},0,0,1,1,0,0,{value:.3f},0.3")
+            rows.append(
+                f"{name},displacement,{x},0,0,1,1,0,0,{value:.3f},{'0.3' if stated else ''}"
+            )
     return as_campaign("\n".join(rows) + "\n", MODEL)
 
 
+@pytest.mark.parametrize("stated", [True, False])
 @pytest.mark.parametrize(("wrong", "said"), [(3.0, "gauge1, gauge2. Without"), (0.0, "")])
-def test_a_gauge_that_disagrees_is_named(wrong: float, said: str):
-    whole = fit(MODEL, lines(wrong))
+def test_a_gauge_that_disagrees_is_named(wrong: float, said: str, stated: bool):
+    """Also where nobody stated an uncertainty: χ² is then the degrees of freedom of each fit."""
+    whole = fit(MODEL, lines(wrong, stated))
+    assert whole.uncertainty.open != stated
     found = SimpleNamespace(verdict="unexplained", whole=whole)
     text = " ".join(str(line) for line in disagreeing(found))
     assert (said in text) if said else text == ""

@@ -8,8 +8,7 @@ from typing import Self
 from abbe.compcore.campaign.coverage import Coverage
 from abbe.compcore.effects.base import F64, Effect, FittedEffect, Motion, Parameter
 from abbe.compcore.effects.registry import register
-from abbe.compcore.effects.signals import by_sense, recorded
-from abbe.compcore.errors import InputError
+from abbe.compcore.effects.signals import by_sense, recorded, require_temperatures
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 
@@ -142,14 +141,7 @@ class MisreadDifferences(ThermometerEffect):
             The signal is in another unit than degC or K.
         """
         super().check(machine)
-        signal = machine.signals[self.signal]
-        if not signal.temperature:
-            raise InputError(
-                "not a temperature",
-                field="signal",
-                found=f"{self.signal} in {signal.unit}",
-                expected="a signal in degC or K",
-            )
+        require_temperatures(machine, "signal", [self.signal])
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[Self]:

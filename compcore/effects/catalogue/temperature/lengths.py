@@ -18,9 +18,9 @@ from abbe.compcore.effects.signals import (
     heats,
     per,
     recorded,
+    require_temperatures,
 )
 from abbe.compcore.effects.targets import along, require_linear
-from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.typical import typical
@@ -57,14 +57,7 @@ class ScaleExpansion(LaggedEffect):
         """Linear axes and temperatures only."""
         super().check(machine)
         require_linear(machine, self.axis, self.kind)
-        for name in self.signals:
-            if not machine.signals[name].temperature:
-                raise InputError(
-                    "not a temperature",
-                    field="signals",
-                    found=f"{name} in {machine.signals[name].unit}",
-                    expected="a signal in degC or K",
-                )
+        require_temperatures(machine, "signals", self.signals)
 
     def linear(self, machine: Machine) -> tuple[Parameter, ...]:
         """The effective expansion coefficient."""
