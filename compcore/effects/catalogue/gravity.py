@@ -20,7 +20,7 @@ from abbe.compcore.effects.base import (
 )
 from abbe.compcore.effects.catalogue.rotary.spindle import spindle_direction
 from abbe.compcore.effects.registry import register
-from abbe.compcore.effects.targets import ROTATIONS, require_rotary
+from abbe.compcore.effects.targets import ROTATIONS, TRANSLATIONS, require_rotary
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain, rotation_about
@@ -53,7 +53,9 @@ class GravityFlexure(Effect):
         by default as the spindle does, or Z, and across the axis; of an arm of three joints or more
         towards the next one that is parallel. With ``by`` it is the part that
         a joint further out carries, whose weight twists this axis's bearings and gear: the forearm
-        (``by=B3``) turns the shoulder (``axis=B2``) of a robot, s held by that joint. Gravity
+        (``by=B3``) turns the shoulder (``axis=B2``) of a robot, s held by that joint. A column
+        (``axis=Z``) leans at its foot under what a joint that it carries holds out (``by=C2``): the
+        axis's own move is in the lever, whatever ``error_acts`` says. Gravity
         points along −Z of the machine's axes; with ``gravity = fit`` for a machine that stands
         tilted (an equatorial mount) ``s × G``, with G its three components times the sag.
     Parameters
@@ -81,9 +83,10 @@ class GravityFlexure(Effect):
     gravity: Gravity = None
 
     def check(self, machine: Machine) -> None:
-        """A rotary axis, and a part that it turns."""
+        """A rotary axis, or a column under a joint, and a part that is turned."""
         super().check(machine)
-        require_rotary(machine, self.axis, self.kind)
+        if self.by is None:
+            require_rotary(machine, self.axis, self.kind)
         if self.by is not None and self.by not in _beyond(machine, self.axis):
             raise InputError(
                 "a joint that the axis carries weighs on it",
@@ -152,6 +155,21 @@ class GravityFlexure(Effect):
         return tuple(
             Motion(ErrorMotion(self.axis, k), np.ascontiguousarray(columns[:, i]))
             for i, k in enumerate(turns)
+        ) + self._at_the_foot(machine, conditions, columns)
+
+    def _at_the_foot(
+        self, machine: Machine, conditions: Conditions, columns: F64
+    ) -> tuple[Motion, ...]:
+        """What a lean at a column's foot moves its carriage by, where no lever says it."""
+        axis = machine.axis(self.axis)
+        if axis.rotary or machine.own_move_in_lever(self.axis):
+            return ()
+        risen = np.asarray(axis.direction) * conditions.position(self.axis)[:, None]
+        moved = np.cross(columns, risen[:, :, None], axis=1)
+        shifts: tuple[Component, ...] = TRANSLATIONS
+        return tuple(
+            Motion(ErrorMotion(self.axis, k), np.ascontiguousarray(moved[:, i]))
+            for i, k in enumerate(shifts)
         )
 
     def _held(self, axis: Axis, machine: Machine, conditions: Conditions) -> F64:
@@ -163,7 +181,8 @@ class GravityFlexure(Effect):
 
     def positions_used(self, machine: Machine) -> tuple[str, ...]:
         """The axis, and the rotary axes by which gravity turns in its frame."""
-        return machine.structure.rotary
+        column = () if machine.axis(self.axis).rotary else (self.axis,)
+        return (*column, *machine.structure.rotary)
 
     @classmethod
     def candidates(cls, machine: Machine, coverage: Coverage) -> Iterable[GravityFlexure]:
@@ -181,6 +200,10 @@ class GravityFlexure(Effect):
                 arms = axis in moving and _parallel(machine, axis, by)
                 if by in moving and (arms or not number):
                     yield cls(axis=axis, by=by)
+        for column in _columns(machine):
+            for by in _beyond(machine, column):
+                if by in moving:
+                    yield cls(axis=column, by=by)
         for axis in moving:
             yield cls(axis=axis, gravity="fit")
 
@@ -198,6 +221,15 @@ def _link(machine: Machine, axis: str) -> F64 | None:
             if length > _NO_LINK:
                 return np.asarray(away / length)
     return None
+
+
+def _columns(machine: Machine) -> tuple[str, ...]:
+    """The linear axis that carries the first joint of an arm, where there is one."""
+    side = machine.structure.tool_side
+    joints = [n for n, a in enumerate(side) if machine.axis(a).rotary]
+    if len(joints) < _JOINTS or not joints[0]:
+        return ()
+    return (side[joints[0] - 1],)
 
 
 def _beyond(machine: Machine, axis: str) -> tuple[str, ...]:
