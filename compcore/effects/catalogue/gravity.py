@@ -1,4 +1,4 @@
-"""Gravity on parts that a rotary axis carries: they sag as it tilts them."""
+"""Gravity on parts that a rotary axis carries: they sag, and what bears them leans."""
 
 from __future__ import annotations
 
@@ -62,7 +62,7 @@ class GravityFlexure(Effect):
     ----------
         sag in rad, positive towards the ground, or gx, gy, gz: within ±1 mrad. A swivel head of
         200 kg shows 10 to 50 µrad, a robot's joint 0.2 to 1 mrad, the tube of an amateur's
-        telescope several.
+        telescope several, a column of 3 m under an arm 2 mrad.
     Signals
         None beyond the axes' angles.
     Typical causes
@@ -83,9 +83,9 @@ class GravityFlexure(Effect):
     gravity: Gravity = None
 
     def check(self, machine: Machine) -> None:
-        """A rotary axis, or a column under a joint, and a part that is turned."""
+        """A rotary axis, or a column on the tool's side under a joint, and a part that is turned."""
         super().check(machine)
-        if self.by is None:
+        if self.by is None or self.axis not in machine.structure.tool_side:
             require_rotary(machine, self.axis, self.kind)
         if self.by is not None and self.by not in _beyond(machine, self.axis):
             raise InputError(
