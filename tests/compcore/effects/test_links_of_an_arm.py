@@ -68,4 +68,4 @@ def test_a_column_leans_only_under_an_arm() -> None:
     with pytest.raises(InputError, match="rotary"):
         GravityFlexure(axis="Z").check(machine)
     with pytest.raises(InputError, match="the axis carries"):
-        GravityFlexure(axis="Z", by="X").check(machine)
+        GravityFlexure(axis="Z", by="Z").check(machine)
