@@ -47,6 +47,7 @@ def looked_at(page: Page) -> None:
         pytest.param("arm", "The model does not hold", TURNED, marks=pytest.mark.thorough),
     ],
 )
+@pytest.mark.thorough
 def test_the_loop(browser: Browser, tmp_path: Path, name: str, title: str, cause: str) -> None:
     model, fitted, held = write_machine(name, tmp_path)
     with opened(model, fitted, "--holdout", held, "--versions", tmp_path / "v") as bench:

@@ -83,7 +83,7 @@ class GravityFlexure(Effect):
     gravity: Gravity = None
 
     def check(self, machine: Machine) -> None:
-        """A rotary axis, or a column on the tool's side under a joint, and a part that is turned."""
+        """A rotary axis, or a column on the tool's side under a joint; a part that is turned."""
         super().check(machine)
         if self.by is None or self.axis not in machine.structure.tool_side:
             require_rotary(machine, self.axis, self.kind)
