@@ -89,7 +89,6 @@ FILES = """() => performance.getEntriesByType("resource")
   .map((e) => [e.name, e.transferSize]).filter(([name]) => name.includes("/files-"))"""
 
 
-@pytest.mark.thorough
 def test_with_the_keyboard_alone_and_little_travels(browser: Browser, tmp_path: Path) -> None:
     """Views by arrow keys, rows by a table's button, sliders by keys; the focus is always seen.
 
