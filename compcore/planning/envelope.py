@@ -8,11 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.figures.places import reaches_by_joints
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.drawing_back import drawn_back
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.probing.room import hindered
+from abbe.compcore.planning.way_of_the_tip import length_of_the_tool, way_of_the_tip
 
 F64 = NDArray[np.float64]
 
@@ -22,6 +24,8 @@ _ROUNDING = 1e-6
 @dataclass(frozen=True, slots=True)
 class KeepOut:
     """A box that neither the tool's tip nor the tool may enter; mm, as X, Y, Z + tool count.
+
+    On a machine whose joints take the tool there: in the machine's axes, as its model has them.
 
     Attributes
     ----------
@@ -76,7 +80,8 @@ class WorkingSpace:
             if hindered.any():
                 return why
         turns = any(np.ptp(q) > 0.0 for a, q in setup.targets.items() if is_rotary(a))
-        hit = self.entered(setup.path()[order], setup.offset, turns=turns)
+        visited = {a: q[order] for a, q in setup.targets.items()}
+        hit = self.entered(machine, visited, setup.offset, turns=turns)
         return None if hit is None else f"the tool would enter keep-out box {hit}"
 
     def cannot_touch(
@@ -86,30 +91,46 @@ class WorkingSpace:
         back = drawn_back(machine, offset)
         return hindered(machine, targets, offset, back, self.table, self.radius)
 
-    def entered(self, way: F64, offset: Sequence[float], *, turns: bool) -> int | None:
+    def entered(
+        self,
+        machine: Machine,
+        targets: Mapping[str, F64],
+        offset: Sequence[float],
+        *,
+        turns: bool,
+    ) -> int | None:
         """The number of the first keep-out box that a tool enters on its way, from 1; None: none.
+
+        Of an arm the tool up to its last joint counts, not what carries that joint.
 
         Parameters
         ----------
-        way
-            The tip's places, (n, 3), mm, with straight lines between them.
+        targets
+            Axis → where it stands at each place of the way, (k,), mm or rad; all move together.
         offset
             The tool's, mm.
         turns
             Whether rotary axes turn meanwhile.
         """
+        if not self.keep_out:
+            return None
+        way = way_of_the_tip(machine, targets, offset)
+        swung = length_of_the_tool(machine, targets, offset)
+        anyhow = turns or reaches_by_joints(machine)
         for i, box in enumerate(self.keep_out, start=1):
-            if self._enters(way, box, np.asarray(offset), turns=turns):
+            if self._enters(way, box, np.asarray(offset), swung if anyhow else None):
                 return i
         return None
 
-    def _enters(self, way: F64, box: KeepOut, offset: F64, *, turns: bool) -> bool:
-        """Whether tip or tool enter a box on the way: the box is widened by the tool instead."""
+    def _enters(self, way: F64, box: KeepOut, offset: F64, swung: float | None) -> bool:
+        """Whether tip or tool enter a box on the way: the box is widened by the tool instead.
+
+        swung: how far the tool reaches from its tip, mm, where it may point anywhere; else None.
+        """
         low = np.asarray(box.low) - np.maximum(-offset, 0.0) - self.radius
         high = np.asarray(box.high) - np.minimum(-offset, 0.0) + self.radius
-        if turns:
-            # a head that turns may swing the tool anywhere about its tip
-            reach = float(np.linalg.norm(offset)) + self.radius
+        if swung is not None:
+            reach = swung + self.radius
             low, high = np.asarray(box.low) - reach, np.asarray(box.high) + reach
         low, high = low - self.beyond, high + self.beyond
         start, move = way[:-1], np.diff(way, axis=0)

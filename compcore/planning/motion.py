@@ -13,17 +13,14 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.machine import Machine, nominal_direction
+from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.drawing_back import drawn_back
 from abbe.compcore.planning.envelope import WorkingSpace
 from abbe.compcore.planning.nudge import nudge_of
 from abbe.compcore.planning.planned_setup import PlannedSetup
-
-F64 = NDArray[np.float64]
 
 TURN = 0.5
 """s that the machine stands beyond a target before it comes back. A control that rounds corners
@@ -225,7 +222,8 @@ class Way:
                     expected="a position within the travel, with room to come from both sides",
                 )
         turns = any(is_rotary(a) and abs(then[a] - v) > _NEAR for a, v in self._at.items())
-        hit = self._space.entered(self._tip(setup, self._at, then), setup.offset, turns=turns)
+        way = {a: np.array([self._at[a], then[a]]) for a in self._at}
+        hit = self._space.entered(self._machine, way, setup.offset, turns=turns)
         if hit is not None:
             raise InputError(
                 f"the tool would enter keep-out box {hit} on the way to target {self._number + 1}",
@@ -234,11 +232,3 @@ class Way:
             )
         self._at = then
         return ProgramStep("move", at=dict(to), seconds=seconds)
-
-    def _tip(self, setup: PlannedSetup, *places: Mapping[str, float]) -> F64:
-        at = np.tile(np.asarray(setup.offset), (len(places), 1))
-        for row, place in zip(at, places, strict=True):
-            for axis, value in place.items():
-                if not is_rotary(axis):
-                    row += value * np.asarray(nominal_direction(axis))
-        return at

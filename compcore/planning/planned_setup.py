@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -85,11 +85,7 @@ class PlannedSetup:
 
     def path(self) -> F64:
         """The tool's tip at each target, (k, 3), mm: X, Y, Z (and those parallel) + tool."""
-        at = np.tile(np.asarray(self.offset), (self.count, 1))
-        for axis, position in self.targets.items():
-            if not is_rotary(axis):
-                at = at + np.outer(position, nominal_direction(axis))
-        return at
+        return nominal_tip(self.targets, self.offset)
 
     def visits(self) -> tuple[Index, Index]:
         """The targets in the order in which they are visited, and the sense, 1 or −1, each (v,).
@@ -175,6 +171,24 @@ class PlannedSetup:
             {name: Setup(name, self.free)},
             {} if self.base is None else {_base(name): self.base},
         )
+
+
+def nominal_tip(targets: Mapping[str, F64], offset: Sequence[float]) -> F64:
+    """The tool's tip at some targets, (k, 3), mm: X, Y, Z (and those parallel) + tool.
+
+    Parameters
+    ----------
+    targets
+        Axis → its positions, (k,), mm; rotary axes do not count.
+    offset
+        The tool's, mm.
+    """
+    count = max((len(q) for q in targets.values()), default=0)
+    at = np.tile(np.asarray(offset, dtype=np.float64), (count, 1))
+    for axis, position in targets.items():
+        if not is_rotary(axis):
+            at = at + np.outer(position, nominal_direction(axis))
+    return at
 
 
 def resting(machine: Machine, signal: str) -> float:

@@ -30,6 +30,8 @@ _DOWN = np.array([0.0, 0.0, -1.0])
 _JOINTS = 3
 _NO_LINK = 1e-3
 """mm: parallel lines that are nearer are one."""
+_LEVEL = 0.1
+"""rad that a column may stand askew."""
 
 
 def _fit_or_none(value: object) -> object:
@@ -54,15 +56,16 @@ class GravityFlexure(Effect):
         towards the next one that is parallel. With ``by`` it is the part that
         a joint further out carries, whose weight twists this axis's bearings and gear: the forearm
         (``by=B3``) turns the shoulder (``axis=B2``) of a robot, s held by that joint. A column
-        (``axis=Z``) leans at its foot under what a joint that it carries holds out (``by=C2``): the
-        axis's own move is in the lever, whatever ``error_acts`` says. Gravity
+        (an upright ``axis=Z``) leans at its foot under what a joint that it carries holds out
+        (``by=C2``): the axis's own move is in the lever, whatever ``error_acts`` says; the carriage
+        of a level track leans where it stands. Gravity
         points along −Z of the machine's axes; with ``gravity = fit`` for a machine that stands
         tilted (an equatorial mount) ``s × G``, with G its three components times the sag.
     Parameters
     ----------
-        sag in rad, positive towards the ground, or gx, gy, gz: within ±1 mrad. A swivel head of
-        200 kg shows 10 to 50 µrad, a robot's joint 0.2 to 1 mrad, the tube of an amateur's
-        telescope several, a column of 3 m under an arm 2 mrad.
+        sag in rad, positive towards the ground, or gx, gy, gz: within ±1 mrad, of a column ±3. A
+        swivel head of 200 kg shows 10 to 50 µrad, a robot's joint 0.2 to 1 mrad, the tube of an
+        amateur's telescope several, a column of 3 m under an arm 2 mrad.
     Signals
         None beyond the axes' angles.
     Typical causes
@@ -131,7 +134,8 @@ class GravityFlexure(Effect):
         text = f"sag of what {self._bearer} carries, towards the ground"
         if self.by is not None:
             text = f"sag of {self.axis} under what {self.by} carries, towards the ground"
-        return (Parameter("sag", "rad", (-1e-3, 1e-3), text),)
+        most = 1e-3 if machine.axis(self.axis).rotary else 3e-3
+        return (Parameter("sag", "rad", (-most, most), text),)
 
     def motions(
         self, machine: Machine, conditions: Conditions, nonlinear: Mapping[str, float]
@@ -162,7 +166,7 @@ class GravityFlexure(Effect):
     ) -> tuple[Motion, ...]:
         """What a lean at a column's foot moves its carriage by, where no lever says it."""
         axis = machine.axis(self.axis)
-        if axis.rotary or machine.own_move_in_lever(self.axis):
+        if not _upright(axis) or machine.own_move_in_lever(self.axis):
             return ()
         risen = np.asarray(axis.direction) * conditions.position(self.axis)[:, None]
         moved = np.cross(columns, risen[:, :, None], axis=1)
@@ -224,12 +228,18 @@ def _link(machine: Machine, axis: str) -> F64 | None:
 
 
 def _columns(machine: Machine) -> tuple[str, ...]:
-    """The linear axis that carries the first joint of an arm, where there is one."""
+    """The upright linear axis that carries the first joint of an arm, where there is one."""
     side = machine.structure.tool_side
     joints = [n for n, a in enumerate(side) if machine.axis(a).rotary]
     if len(joints) < _JOINTS or not joints[0]:
         return ()
-    return (side[joints[0] - 1],)
+    foot = side[joints[0] - 1]
+    return (foot,) if _upright(machine.axis(foot)) else ()
+
+
+def _upright(axis: Axis) -> bool:
+    """Whether a linear axis moves along gravity."""
+    return not axis.rotary and bool(np.linalg.norm(np.cross(axis.direction, _DOWN)) < _LEVEL)
 
 
 def _beyond(machine: Machine, axis: str) -> tuple[str, ...]:

@@ -160,7 +160,8 @@ class GuardedTip:
                     found=round(value, 3),
                     expected=f"{low:g} … {high:g} mm; place it elsewhere",
                 )
-        hit = self._space.entered(np.stack([start, end]), self._offset.tolist(), turns=False)
+        way = {a: np.array([start[k], end[k]]) - self._offset[k] for k, a in enumerate("XYZ")}
+        hit = self._space.entered(self._machine, way, self._offset.tolist(), turns=False)
         if hit is not None:
             raise InputError(
                 f"the stylus would enter keep-out box {hit}",

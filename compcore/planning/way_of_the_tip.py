@@ -1,0 +1,70 @@
+"""The way of a tool's tip: straight by linear axes, on arcs by an arm's joints."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from abbe.compcore.figures.places import reaches_by_joints
+from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.planned_setup import nominal_tip
+
+F64 = NDArray[np.float64]
+
+_TURN = np.radians(1.0)
+"""rad that a joint turns between two places of an arc: 0.08 mm beside it at a reach of 2 m."""
+
+
+def way_of_the_tip(machine: Machine, targets: Mapping[str, F64], offset: Sequence[float]) -> F64:
+    """Where the tip is on the way through some targets, straight lines between, (m, 3), mm.
+
+    As X, Y, Z + tool count, one place for each target; where joints take the tip there (an arm, a
+    SCARA robot) by the kinematics of the machine as it is drawn, all axes moving together, with as
+    many places between two targets as the arcs need.
+
+    Parameters
+    ----------
+    targets
+        Axis → its positions, (k,), mm or rad.
+    offset
+        The tool's, mm; of an arm where the tip is while all joints stand at 0.
+    """
+    if not reaches_by_joints(machine):
+        return nominal_tip(targets, offset)
+    count = max((len(q) for q in targets.values()), default=0)
+    turned = [np.abs(np.diff(q)) for a, q in targets.items() if is_rotary(a)]
+    most = np.max(turned, axis=0) if turned else np.zeros(max(count - 1, 0))
+    cuts = np.maximum(1, np.ceil(most / _TURN)).astype(np.int64)
+    parts = [n + np.arange(c) / c for n, c in enumerate(cuts.tolist())]
+    where = np.concatenate([*parts, [count - 1.0]])
+    among = np.arange(count)
+    between = {a: np.interp(where, among, q) for a, q in targets.items()}
+    tool = np.tile(np.asarray(offset, dtype=np.float64), (len(where), 1))
+    return np.asarray(Chain(machine, Conditions(between, tool=tool)).point)
+
+
+def length_of_the_tool(
+    machine: Machine, targets: Mapping[str, F64], offset: Sequence[float]
+) -> float:
+    """How far from its tip a tool reaches at most, mm: to the spindle, of an arm to its last joint.
+
+    Parameters
+    ----------
+    targets, offset
+        As in `way_of_the_tip`.
+    """
+    reach = np.asarray(offset, dtype=np.float64)[None, :]
+    if not reaches_by_joints(machine):
+        return float(np.linalg.norm(reach))
+    side = machine.structure.tool_side
+    last = max(n for n, a in enumerate(side) if machine.axis(a).rotary)
+    reach = reach - np.asarray(machine.axis(side[last]).location)
+    for axis in side[last + 1 :]:
+        if axis in targets:
+            reach = reach + np.outer(targets[axis], machine.axis(axis).direction)
+    return float(np.linalg.norm(reach, axis=1).max())
