@@ -85,6 +85,27 @@ def no_lathe(title: str, machine: Machine) -> InputError:
     )
 
 
+def require_letters(title: str, machine: Machine) -> None:
+    """Refuse axes called C2 or B3 where a word is one letter and a number.
+
+    LinuxCNC ends ``C0 C2-121.6`` with *Multiple c words on one line*; no manual at hand says what
+    the others make of it.
+
+    Raises
+    ------
+    InputError
+        Of the first such axis.
+    """
+    for axis in machine.structure.axes:
+        if len(axis) > 1:
+            raise InputError(
+                f"in the language of {title} an axis is one letter",
+                field="controller",
+                found=axis,
+                expected="siemens, which writes C2=…; its --targets is a list for all others",
+            )
+
+
 def shown(at: Mapping[str, float]) -> dict[str, float]:
     """Positions as controllers spell them: mm and degrees."""
     return {a: (math.degrees(v) if is_rotary(a) else v) + 0.0 for a, v in at.items()}

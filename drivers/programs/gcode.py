@@ -15,7 +15,16 @@ from typing import ClassVar
 
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.planning.motion import ProgramStep
-from abbe.drivers.programs.dialect import LOG, MADE_BY, Dialect, no_lathe, plain, shown, touches
+from abbe.drivers.programs.dialect import (
+    LOG,
+    MADE_BY,
+    Dialect,
+    no_lathe,
+    plain,
+    require_letters,
+    shown,
+    touches,
+)
 
 TOUCH_FEED = 60.0
 """While touching, mm/min."""
@@ -42,8 +51,10 @@ class _GCode(Dialect):
         ------
         InputError
             For a lathe, where the control may count X in diameters and nothing is known that ends
-            it.
+            it; for axes of more than a letter where the language has no ``=``.
         """
+        if not self.between:
+            require_letters(self.title, machine)
         if machine.structure.shows_diameters and not self.radius:
             raise no_lathe(self.title, machine)
         return "\n".join(self._lines(steps, machine, title, feed)) + "\n"

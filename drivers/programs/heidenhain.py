@@ -17,6 +17,7 @@ from abbe.drivers.programs.dialect import (
     no_lathe,
     no_touching,
     plain,
+    require_letters,
     shown,
     touches,
 )
@@ -34,8 +35,9 @@ class Klartext(Dialect):
         Raises
         ------
         InputError
-            For a lathe, where X may be a diameter.
+            For a lathe, where X may be a diameter; for axes of more than a letter.
         """
+        require_letters(self.title, machine)
         if machine.structure.shows_diameters:
             raise no_lathe(self.title, machine)
         if touches(steps):

@@ -346,3 +346,14 @@ def test_a_mill_is_told_nothing_of_diameters():
         text = dialect_called(controller).text(FACING, mill, "mill", 500.0)
         assert "G8\n" not in text
         assert "DIAMOF" not in text
+
+
+@pytest.mark.parametrize("name", ["linuxcnc", "fanuc", "heidenhain"])
+def test_an_axis_of_two_characters_is_no_word_there(name):
+    """LinuxCNC calls C0 C2-121.6 several c words on one line; Siemens has a sign between them."""
+    axes = {"C": Axis("C", (-2.0, 2.0)), "C2": Axis("C2", (-2.4, 2.4), location=(325.0, 0.0, 0.0))}
+    machine = Machine("arm", Structure.parse("w b C C2 t"), axes)
+    steps = [ProgramStep("move", at={"C": 0.0, "C2": -math.radians(121.6)})]
+    with pytest.raises(InputError, match="one letter"):
+        dialect_called(name).text(steps, machine, "arm", 600.0)
+    assert " C=0.0000 C2=-121.6000 " in dialect_called("siemens").text(steps, machine, "arm", 600.0)
