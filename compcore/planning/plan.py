@@ -14,11 +14,12 @@ from abbe.compcore.campaign.plan import from_the_bed
 from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.usual_errors import USUAL
 from abbe.compcore.linalg import threads_for
+from abbe.compcore.planning.beside_boxes import Hindered, hindered
 from abbe.compcore.planning.choice import Candidates, Chosen, Knowledge, choose
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.knowledge import CHANGED, VolumeError, added, prior
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.setups.candidates import possible
+from abbe.compcore.planning.setups.candidates import possible, thought_of
 from abbe.compcore.planning.setups.lines import waves
 from abbe.compcore.planning.setups.presets import PRESETS, Preset, filled, possible_of
 from abbe.compcore.planning.targets import SurveyTask
@@ -81,6 +82,8 @@ class SurveyPlan:
     """Set-ups of a preset for which there is no time."""
     placeless: tuple[str, ...] = ()
     """Instruments at hand of which no set-up lies within travels and keep-out boxes."""
+    hindered: tuple[Hindered, ...] = ()
+    """Set-ups that were not considered because the tool would enter a keep-out box."""
 
     @property
     def seconds(self) -> float:
@@ -185,6 +188,7 @@ def plan_survey(
             ordered(task, chosen, start),
             presets=_weighed(task, start, seconds) if compare else None,
             placeless=tuple(i.title for i in instruments if i.key not in placed),
+            hindered=hindered(task, thought_of(task, instruments)),
         )
 
 
@@ -212,7 +216,7 @@ def plan_preset(
         start = Knowledge.beforehand(prior(task.model, changed), VolumeError.of(task))
         made = ordered(task, [Chosen(setups[i], roots[i]) for i in numbers], start)
         out = tuple(s.what for i, s in enumerate(setups) if i not in numbers)
-        return replace(made, left_out=out)
+        return replace(made, left_out=out, hindered=hindered(task, preset.setups(task)))
 
 
 def _weighed(task: SurveyTask, start: Knowledge, seconds: float) -> dict[str, float]:

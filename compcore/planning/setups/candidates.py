@@ -24,8 +24,7 @@ def possible(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Sequ
     """
     found = [
         setup
-        for instrument in instruments
-        for setup in _of(task, instrument)
+        for setup in thought_of(task, instruments)
         if task.space.hindrance(task.machine, setup) is None
     ]
     alone = [setup for setup in found if setup.axis]
@@ -33,6 +32,14 @@ def possible(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Sequ
         return alone
     kinds = {effect.kind for effect in task.model.effects}
     return alone if alone and kinds and kinds <= _OWN else found
+
+
+def thought_of(
+    task: SurveyTask, instruments: Sequence[PlannedInstrument]
+) -> Iterator[PlannedSetup]:
+    """Set-ups whether or not a keep-out box hinders them, one run each."""
+    for instrument in instruments:
+        yield from _of(task, instrument)
 
 
 def _of(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetup]:

@@ -15,6 +15,8 @@ MEANING = said(
     "µm: standard uncertainty of the corrected machine's error vector, root of the mean square "
     "over the volume"
 )
+_NAMED = 3
+"""Set-ups hindered by a keep-out box that are named; the page and ``--json`` have all."""
 _MOST_OF_IT = 0.5
 """Part of a machine's usual errors from which on it is said that these set-ups are too few."""
 
@@ -31,6 +33,10 @@ def as_json(plan: SurveyPlan) -> dict[str, Any]:
         "stays": plan.stays,
         "left_out": list(plan.left_out),
         "placeless": list(plan.placeless),
+        "hindered": [
+            {"what": one.what, "instrument": one.instrument, "keep_out_box": one.box}
+            for one in plan.hindered
+        ],
         "setups": [
             {
                 "name": step.setup.name,
@@ -96,6 +102,8 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
             what=joined(plan.left_out, ", "),
         )
     yield from placeless_words(plan)
+    yield from hindered_words(plan)
+    yield from _hindered_by_name(plan)
     yield from stays_words(plan)
     for one in plan.left:
         yield said("  undetermined: {what}", what=str(one))
@@ -139,12 +147,39 @@ def placeless_words(plan: SurveyPlan) -> Iterator[str]:
         )
 
 
+def hindered_words(plan: SurveyPlan) -> Iterator[str]:
+    """How many set-ups keep-out boxes forbid."""
+    if plan.hindered:
+        yield said(
+            "  KEEP-OUT BOXES: {count} set-ups were not considered, since the tool would enter a "
+            "box; with fixtures elsewhere, or a box drawn closer, they may be possible",
+            count=len(plan.hindered),
+        )
+
+
+def _hindered_by_name(plan: SurveyPlan) -> Iterator[str]:
+    """The first set-ups that keep-out boxes forbid."""
+    for one in plan.hindered[:_NAMED]:
+        yield said(
+            "    {instrument}, {what}: box {box}",
+            instrument=as_it_stands(one.instrument), what=as_it_stands(one.what), box=one.box,
+        )  # fmt: skip
+    if len(plan.hindered) > _NAMED:
+        more = len(plan.hindered) - _NAMED
+        yield said("    and {count} more (--json and --report name all)", count=more)
+
+
+def most_stays(plan: SurveyPlan) -> bool:
+    """Whether more than half of a machine's usual errors would stay."""
+    return plan.stays is not None and plan.stays > _MOST_OF_IT
+
+
 def stays_words(plan: SurveyPlan) -> Iterator[str]:
     """What of a machine's errors these set-ups do not show, before anything is measured."""
     if plan.stays is None:
         return
     part = f"{100.0 * plan.stays:.0f} %"
-    if plan.stays > _MOST_OF_IT:
+    if most_stays(plan):
         yield said(
             "  MOST STAYS: of the errors that a machine usually has some {part} would stay: these "
             "set-ups alone do not show them; more instruments or more time would",

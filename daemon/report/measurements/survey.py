@@ -23,8 +23,11 @@ from abbe.compcore.sentences import as_it_stands, said
 from abbe.daemon.answers.measurements.plan import AFTER, BEFORE
 from abbe.daemon.answers.measurements.survey import (
     MEANING,
+    hindered_words,
+    most_stays,
     placeless_words,
     runs_words,
+    stays_words,
     unmoved_words,
 )
 from abbe.daemon.report.head import PageHead, facts_before, file_on_page
@@ -63,7 +66,8 @@ def page(plan: SurveyPlan, model: Path, language: PageLanguage | None = None) ->
         minutes=f"{plan.warm_up / 60.0:.0f}",
     )
     made.notes([*BEFORE, warm])
-    made.notes(list(placeless_words(plan)), warning=True)
+    made.notes(list(stays_words(plan)), warning=most_stays(plan))
+    made.notes([*placeless_words(plan), *hindered_words(plan)], warning=True)
     made.section(said("Set-ups"))
     made.table(
         ["", said("What"), said("With"), said("Targets"), said("Runs"), said("Tool"), "min",
@@ -106,6 +110,13 @@ def page(plan: SurveyPlan, model: Path, language: PageLanguage | None = None) ->
             picture(task, setup),
             said("Orange: what moves and its targets. Blue: where the instrument stands."),
         )
+    if plan.hindered:
+        made.section(said("Not considered because of keep-out boxes"))
+        rows = [
+            [as_it_stands(one.instrument), typeset(one.what), str(one.box)]
+            for one in plan.hindered
+        ]
+        made.table([said("With"), said("What"), said("Box")], rows)
     made.notes([AFTER])
     return made
 

@@ -25,6 +25,7 @@ from abbe.compcore.planning.setups.presets import PRESETS
 from abbe.compcore.planning.simulation import carry_out
 from abbe.compcore.planning.targets import SurveyTask
 from abbe.compcore.planning.undetermined import undecided
+from abbe.daemon.answers.measurements.survey import as_text
 from tests.support.compcore.survey_machines import STRUCTURES, machine, task
 
 HOUR = 3600.0
@@ -141,6 +142,24 @@ def test_no_way_enters_a_keep_out_box_or_leaves_the_travels():
             low, high = aim.machine.axes[axis].travel
             assert low + 2.0 <= at.min() + 1e-6 or np.ptp(at) == 0.0
             assert at.max() <= high - 2.0 + 1e-6 or np.ptp(at) == 0.0
+
+
+def test_what_a_keep_out_box_forbids_is_named() -> None:
+    """By hand: a box in the middle of the volume, 10 mm wide; a body diagonal passes through."""
+    aim = task("bridge")
+    middle = np.array([0.5 * sum(aim.machine.axes[a].travel) for a in "XYZ"])
+    box = KeepOut(tuple(middle - 5.0), tuple(middle + 5.0))
+    far = KeepOut((9000.0,) * 3, (9010.0,) * 3)
+    beside = replace(aim, space=WorkingSpace((far, box), radius=5.0))
+    plan = plan_survey(beside, instruments_called(["laser"]), HOUR)
+    named = {one.what for one in plan.hindered}
+    assert {one.box for one in plan.hindered} == {2}
+    assert sum("body diagonal" in what for what in named) == 4
+    assert not named & {step.setup.what for step in plan.steps}
+    said = list(as_text(plan))
+    assert any(f"KEEP-OUT BOXES: {len(named)} set-ups" in line for line in said)
+    assert sum(line.endswith(": box 2") for line in said) == 3
+    assert plan_survey(aim, instruments_called(["laser"]), HOUR).hindered == ()
 
 
 def test_what_squareness_would_be_taken_for_is_not_measured_along_diagonals():
