@@ -113,8 +113,7 @@ def page(plan: SurveyPlan, model: Path, language: PageLanguage | None = None) ->
     if plan.hindered:
         made.section(said("Not considered because of keep-out boxes"))
         rows = [
-            [as_it_stands(one.instrument), typeset(one.what), str(one.box)]
-            for one in plan.hindered
+            [as_it_stands(one.instrument), typeset(one.what), str(one.box)] for one in plan.hindered
         ]
         made.table([said("With"), said("What"), said("Box")], rows)
     made.notes([AFTER])
