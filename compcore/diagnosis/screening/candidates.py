@@ -16,6 +16,7 @@ from abbe.compcore.diagnosis.screening.evidence import RIGID_BODY, cost_of
 from abbe.compcore.diagnosis.screening.left_out.crossvalidation import FOLDS
 from abbe.compcore.diagnosis.screening.several_waves import one_wave, waves_of
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.effects.catalogue.instruments.laser import PRESSURES, air_signals
 from abbe.compcore.effects.registry import effect_kinds
 from abbe.compcore.effects.signals import LAGGING, LaggedEffect
 from abbe.compcore.errors import InputError
@@ -102,7 +103,7 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
     present = {identity(effect) for effect in model.effects}
     found: list[Candidate] = []
     seen: set[str] = set()
-    lasers = stated_laser(campaign)
+    lasers = stated_laser(campaign, machine)
     one_place = all(n <= 1 for n in coverage.places.values())
     for cls in effect_kinds().values():
         if cls.kind in OF_A_LASER and not lasers:
@@ -184,9 +185,16 @@ def acts_everywhere(effect: Effect, coverage: Coverage) -> bool:
     return not own or set(coverage.setups) <= own
 
 
-def stated_laser(campaign: Campaign) -> bool:
-    """Whether a campaign's head says that its instrument, or one of them, measures by laser."""
-    stated = " ".join(str(head.get("instrument", "")) for head in campaign.metadata)
+def stated_laser(campaign: Campaign, machine: Machine) -> bool:
+    """Whether a campaign's head says that its instrument, or one of them, measures by laser.
+
+    Of heads that name no instrument the air's pressure says it, recorded beside displacements: a
+    beam's wavelength follows it, and nothing that machines are made of.
+    """
+    stated = " ".join(str(head.get("instrument", "")) for head in campaign.metadata).strip()
+    if not stated:
+        recorded = (s for s in machine.signals.values() if s.name in campaign.coverage().signals)
+        return any(s.unit in PRESSURES for s in air_signals(recorded))
     return any(word in stated.lower() for word in ("laser", "interferom", "tracker", "etalon"))
 
 

@@ -27,7 +27,7 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine, Signal
 
-_PRESSURES = {"hPa": 1.0, "mbar": 1.0, "Pa": 0.01, "kPa": 10.0, "bar": 1000.0}
+PRESSURES = {"hPa": 1.0, "mbar": 1.0, "Pa": 0.01, "kPa": 10.0, "bar": 1000.0}
 """Unit of an air pressure → its factor to hPa."""
 
 
@@ -77,7 +77,7 @@ class LaserEffect(Effect):
         }
         for name in self.air(machine):
             signal = machine.signals[name]
-            factor = _PRESSURES.get(signal.unit, 1.0)
+            factor = PRESSURES.get(signal.unit, 1.0)
             value[_air_kind(signal) or ""] = conditions.signal(name) * factor
         return refractive_index(value["temperature"], value["pressure"], value["humidity"])
 
@@ -89,7 +89,7 @@ class LaserEffect(Effect):
 def _air_kind(signal: Signal) -> str | None:
     if signal.temperature:
         return "temperature"
-    if signal.unit in _PRESSURES:
+    if signal.unit in PRESSURES:
         return "pressure"
     return "humidity" if signal.unit == "%" else None
 

@@ -15,6 +15,7 @@ from abbe.compcore.diagnosis.screening.parameters import Estimate, doubt_of, lea
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.model_file import load_model, parse_model
 from abbe.compcore.files.text.toml_source import TomlSource
+from abbe.compcore.machine.machine import Signal
 from abbe.compcore.model.model import Model
 from benchmarks.hidden.judging.trial import as_campaign
 
@@ -38,6 +39,27 @@ def test_a_laser_is_blamed_only_where_one_is_stated(
     stated = replace(campaign, metadata=({"instrument": instrument},))
     kinds = {c.effect.kind for c in candidates(model, stated)}
     assert bool(kinds & set(OF_A_LASER)) is expected
+
+
+@pytest.mark.parametrize(
+    ("head", "column", "expected"),
+    [
+        ({}, "p", True),
+        ({}, "T", False),
+        ({"instrument": "touch probe"}, "p", False),
+    ],
+)
+def test_the_pressure_of_the_air_is_recorded_for_a_laser(
+    head: dict[str, str], column: str, *, expected: bool
+) -> None:
+    """Where no instrument is named; warm air may be for anything, and a probe needs no pressure."""
+    model, campaign = line(3, "0.0 * x")
+    unit = {"p": "hPa", "T": "degC"}[column]
+    machine = replace(model.machine, signals={column: Signal(column, unit, role="air")})
+    seen = replace(campaign.conditions, signals={column: np.linspace(20.0, 22.0, campaign.n)})
+    alone = replace(campaign, metadata=(head,), conditions=seen)
+    kinds = {c.effect.kind for c in candidates(replace(model, machine=machine), alone)}
+    assert ("air_refraction" in kinds) is expected
 
 
 def line(seed: int, error: str) -> tuple[Model, Campaign]:
