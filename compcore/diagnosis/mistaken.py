@@ -26,6 +26,7 @@ from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.fitting.gauss_newton import gauss_newton
+from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.model import Model
 from abbe.compcore.sentences import Sentence, joined, said
 from abbe.compcore.units import in_digits
@@ -135,8 +136,9 @@ def _fitted(model: Model, campaign: Campaign) -> FitResult | None:
 def _without(as_it_is: FitResult, campaign: Campaign) -> Without:
     """The same model, with the same uncertainties, fitted to a campaign without a mistake."""
     problem = Problem(as_it_is.model, campaign, sd=as_it_is.problem.sd)
-    theta, _ = gauss_newton(problem, as_it_is.theta)
-    left = problem.eliminator(theta).project(problem.residual(theta))
+    with threads_for(problem.n * problem.layout.size):
+        theta, _ = gauss_newton(problem, as_it_is.theta)
+        left = problem.eliminator(theta).project(problem.residual(theta))
     return Without.of(as_it_is, float(left @ left))
 
 
