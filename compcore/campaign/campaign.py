@@ -114,6 +114,9 @@ class Campaign:
     lacking
         Signal that only some of several joined files record → the files without it; such a signal
         is not in `conditions`.
+    unseen
+        Signal that was not seen in every row, such as the feed with which the machine came → file
+        and line of the first row without it; such a signal is not in `conditions`.
     unsteady
         Thermometers whose readings in `conditions` are without their noise or steps
         (`steady_thermometers`), and how they read; None where they are as they were recorded.
@@ -134,6 +137,7 @@ class Campaign:
     metadata: Sequence[Mapping[str, object]] = ()
     spindle: str | None = None
     lacking: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    unseen: Mapping[str, tuple[str, int]] = field(default_factory=dict)
     gauge: NDArray[np.str_] | None = None
     gauge_sd: F64 | None = None
     unsteady: Mapping[str, Unsteady] | None = None

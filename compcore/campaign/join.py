@@ -50,6 +50,7 @@ def join_campaigns(campaigns: Sequence[Campaign]) -> Campaign:
         u=np.concatenate([np.zeros((c.n, 3)) if c.u is None else c.u for c in table]),
         base=np.concatenate([_names(c.base, c.n) for c in table]),
     )
+    unseen = {s: row for p in reversed(parts) for s, row in p.unseen.items()}
     lacking = {s: tuple(files) for p in parts for s, files in p.lacking.items()}
     for signal in recorded:
         if signal not in everywhere:
@@ -72,6 +73,7 @@ def join_campaigns(campaigns: Sequence[Campaign]) -> Campaign:
         metadata=[m for p in parts for m in p.metadata],
         spindle=next((p.spindle for p in parts if p.spindle), None),
         lacking=lacking,
+        unseen=unseen,
         # one gauge measured in several files is one gauge
         gauge=None if no_gauge else np.concatenate([_names(p.gauge, p.n) for p in parts]),
         gauge_sd=None if no_gauge else np.concatenate([_zeros(p.gauge_sd, p.n) for p in parts]),

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from abbe.compcore.campaign.approaches import unsaid_approaches
+from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.resolution import of_step, step_of
 from abbe.compcore.campaign.steady_thermometers import unsteady_words
 from abbe.compcore.diagnosis.findings import Findings, measured_kinds
@@ -59,6 +60,7 @@ def campaign_notes(diagnosis: Findings) -> Iterator[Sentence]:
             )  # fmt: skip
     if unstated := instrument_unsaid(diagnosis):
         yield unstated
+    yield from not_seen(campaign)
     if unread := undeclared(whole.model.machine, campaign.conditions):
         yield unread
     yield from second_drives(whole.model, campaign.conditions)
@@ -90,6 +92,16 @@ def second_drives(model: Model, conditions: Conditions) -> Iterator[Sentence]:
                 "it is told where the drives stand",
                 signal=signal.name, axis=signal.axis,
             )  # fmt: skip
+
+
+def not_seen(campaign: Campaign) -> Iterator[Sentence]:
+    """Signals that were not seen in every row: no effect can read them."""
+    for signal, (file, line) in campaign.unseen.items():
+        yield said(
+            "{signal} was not seen in every row ({file}, line {line}), so nothing was looked for "
+            "in it: leave such rows out, and ask again",
+            signal=signal, file=file, line=line,
+        )  # fmt: skip
 
 
 def undeclared(machine: Machine, conditions: Conditions) -> Sentence | None:

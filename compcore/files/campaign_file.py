@@ -159,6 +159,16 @@ def require_signals(campaign: Campaign, model: Model) -> None:
         for signal in term.effect.signals_needed():
             if signal in campaign.conditions.signals:
                 continue
+            if signal in campaign.unseen:
+                file, line = campaign.unseen[signal]
+                raise InputError(
+                    said(
+                        "not seen here, and the effect {effect} needs it in every row",
+                        effect=f"'{term.effect.spec}'",
+                    ),
+                    file=file, line=line, field=signal, found="a blank cell",
+                    expected=said("a number, or the row left out"),
+                )  # fmt: skip
             files = campaign.lacking.get(signal) or tuple(campaign.files) or (campaign.name,)
             recorded = ", ".join(campaign.conditions.signals) or "no signals"
             raise InputError(

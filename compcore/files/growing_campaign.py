@@ -18,6 +18,7 @@ from typing import Any
 import tomli_w
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_csv.head import BEGUN
 from abbe.compcore.files.campaign_csv.writing import as_cell
 from abbe.compcore.files.campaign_file import read_campaign
 from abbe.compcore.files.text.atomic import sync_folder, write_atomically
@@ -25,8 +26,6 @@ from abbe.compcore.files.text.bounded_text import read_bounded
 from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.machine import Machine
 
-BEGUN = "measured"
-"""Section of the head that says what the file was begun with."""
 ZEROS_AT = "zeros_at"
 """Key of a set-up: times from which its rows count from zeros of their own."""
 _MOST_BYTES = 1 << 30
@@ -83,7 +82,12 @@ class GrowingCampaign:
 
     @classmethod
     def resume(
-        cls, path: Path, begun: Mapping[str, str], columns: Sequence[str], machine: Machine
+        cls,
+        path: Path,
+        begun: Mapping[str, str],
+        columns: Sequence[str],
+        machine: Machine,
+        newer: Sequence[str] = (),
     ) -> GrowingCampaign:
         """Go on with a file, after its last whole row.
 
@@ -91,6 +95,8 @@ class GrowingCampaign:
         ----------
         begun
             What `BEGUN` has to say: key → text.
+        newer
+            Columns that a file has all together or not at all: an earlier version had none.
 
         Raises
         ------
@@ -120,7 +126,7 @@ class GrowingCampaign:
                 )
         below = lines[len(top) :]
         titles = next(csv.reader(below[:1]), [])
-        if titles != list(columns):
+        if titles not in (list(columns), [name for name in columns if name not in newer]):
             raise InputError(
                 "its columns are not those that are measured now",
                 file=path,
@@ -134,7 +140,7 @@ class GrowingCampaign:
             os.truncate(path, whole)
         if rows and begun.get("readings") is None:
             read_campaign(path, machine)  # whatever is wrong in it is said before it grows
-        return cls(path, head, columns, rows)
+        return cls(path, head, titles, rows)
 
     def cut(self, rows: int) -> None:
         """Take the last rows away, those of a target that was not read to its end."""

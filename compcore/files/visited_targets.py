@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from abbe.compcore.errors import InputError
-from abbe.compcore.files.growing_campaign import BEGUN
+from abbe.compcore.files.campaign_csv.head import BEGUN
 from abbe.compcore.files.text.bounded_text import read_bounded
 from abbe.compcore.files.text.toml_source import TomlSource
 

@@ -15,8 +15,8 @@ import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_csv.head import BEGUN
 from abbe.compcore.files.campaign_file import require_signals
-from abbe.compcore.files.growing_campaign import BEGUN
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.fitting.design.superposition import uncompensated
 from abbe.compcore.model.model import Model

@@ -25,7 +25,7 @@ from abbe.daemon.measure.following.session import Measurement
 from abbe.daemon.measure.person import Person
 from abbe.daemon.measure.probing.chosen_artefact import artefact_of
 from abbe.daemon.measure.probing.session import ProbedMeasurement
-from abbe.daemon.measure.rows import columns, digest, head
+from abbe.daemon.measure.rows import columns, digest, head, seen_beside
 from abbe.daemon.measure.task import MeasureTask
 from abbe.daemon.outputs import CAMPAIGN, check_outputs
 from abbe.daemon.ownership.claims import held_by_watch
@@ -84,7 +84,8 @@ def begun(
     require_stated(configuration, live_correction(configuration), active)
     signals = [n for n, s in configuration.file.signals.items() if s.source is not None]
     more = () if artefact is None else artefact.columns
-    titles = columns(machine, setups, signals, more)
+    beside = seen_beside(machine, signals, touches=artefact is not None)
+    titles = columns(machine, setups, signals, more, beside)
     origin = {
         "by": "abbe measure",
         "plan_sha256": digest(TomlSource.read(plan).data),
@@ -102,13 +103,14 @@ def begun(
         held.enter_context(hold([*own], what))
         goes_on = out.exists() and out.stat().st_size > 0
         if goes_on:
-            file = GrowingCampaign.resume(out, origin, titles, machine)
+            file = GrowingCampaign.resume(out, origin, titles, machine, newer=beside)
         else:
             now = datetime.now(UTC)
             when = {"plan": str(plan), "started": now.isoformat()}
             top = head(
-                machine, setups, {**(conditions or {}), **limits.conditions}, origin | when, now
-            )
+                machine, setups, {**(conditions or {}), **limits.conditions}, origin | when, now,
+                beside,
+            )  # fmt: skip
             file = GrowingCampaign.begin(out, top, titles)
         held.callback(file.close)
         torn = course.replay(file.rows, out)

@@ -5,20 +5,23 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from datetime import datetime
 from typing import Any
 
 import numpy as np
 
 from abbe.compcore.campaign.campaign import PART, Kind
+from abbe.compcore.files.campaign_csv.head import BEGUN, SEEN
 from abbe.compcore.files.formats import CAMPAIGN
-from abbe.compcore.files.growing_campaign import BEGUN
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.daemon.measure.events import unit_of_kind
 
+FEED, FEED_TURN, TOUCH_SPEED = "feed", "feed_turn", "touch_speed"
+_SEEN = {FEED: "mm/min", FEED_TURN: "deg/min", TOUCH_SPEED: "mm/s"}
+"""What a row says beside the signals → its unit."""
 _UNIT_VECTOR = ("ux", "uy", "uz")
 _TOOL = ("tool_x", "tool_y", "tool_z")
 
@@ -28,13 +31,30 @@ def columns(
     setups: Sequence[PlannedSetup],
     signals: Sequence[str],
     more: Sequence[str] = (),
+    seen: Sequence[str] = (),
 ) -> tuple[str, ...]:
-    """The columns of the campaign of some set-ups, `more` among them."""
+    """The columns of the campaign of some set-ups, `more` and `seen` among them."""
     axes = machine.structure.axes
     base = ("base",) if any(s.kind == Kind.DISTANCE for s in setups) else ()
     directions = tuple(f"{a}_dir" for a in axes)
     first = ("time", "setup", "kind", *axes, *directions, *_TOOL, *_UNIT_VECTOR)
-    return (*first, *base, "value", "sd", *more, *signals)
+    return (*first, *base, "value", "sd", *more, *signals, *seen)
+
+
+def seen_beside(machine: Machine, signals: Collection[str], *, touches: bool) -> tuple[str, ...]:
+    """The columns of what is seen beside the signals that are read: how fast the machine came.
+
+    A signal of that name is the user's: one that is read, or is declared in another unit, stays.
+    """
+    linear, rotary = machine.structure.linear, machine.structure.rotary
+    came = {FEED: linear, FEED_TURN: rotary}
+    names = (TOUCH_SPEED,) if touches else tuple(name for name, axes in came.items() if axes)
+    declared = machine.signals
+    return tuple(
+        name
+        for name in names
+        if name not in signals and (name not in declared or declared[name].unit == _SEEN[name])
+    )
 
 
 def head(
@@ -43,8 +63,9 @@ def head(
     conditions: Mapping[str, str],
     begun: Mapping[str, str],
     now: datetime,
+    seen: Sequence[str] = (),
 ) -> dict[str, Any]:
-    """The metadata of a campaign that begins now."""
+    """The metadata of a campaign that begins now, with the columns `seen` beside its signals."""
     titles = dict.fromkeys(s.instrument.title for s in setups)
     made: dict[str, Any] = {
         "format": CAMPAIGN,
@@ -52,7 +73,7 @@ def head(
         "date": now.date().isoformat(),
         "instrument": ", ".join(titles),
         **conditions,
-        BEGUN: dict(begun),
+        BEGUN: {**begun, **({SEEN: list(seen)} if seen else {})},
         "setups": {s.name: {"free": list(s.free)} for s in setups},
     }
     bases = {_base(s): {"position": [float(x) for x in s.base]} for s in setups if s.base}
@@ -78,6 +99,7 @@ def rows_of(
     time: float,
     sds: Sequence[float],
     signals: Mapping[str, float],
+    seen: Mapping[str, float | None],
 ) -> list[dict[str, str | float | None]]:
     """The rows of one target, one for each direction that was read.
 
@@ -91,6 +113,8 @@ def rows_of(
         s since the campaign's start.
     sds
         Their standard uncertainties, mm or rad.
+    seen
+        What is seen beside the signals: how fast the machine came; None: it was not seen.
     """
     _, scale = unit_of_kind(setup.kind)
     common: dict[str, str | float | None] = {
@@ -100,6 +124,7 @@ def rows_of(
         **{a: written(a, q) for a, q in place.items()},
         **{f"{a}_dir": s for a, s in directions.items()},
         **dict(zip(_TOOL, setup.offset, strict=True)),
+        **seen,
         **{name: round(value, 4) for name, value in signals.items()},
     }
     made = []

@@ -5,12 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 
-USUAL = 4.0
-"""A look is late when it comes after so many times the usual time between two."""
-LEAST = 0.5
-"""s between two looks that are never late."""
-_FORGETS = 0.1
-"""Part of the usual time that the last one counts for."""
+from abbe.daemon.measure.late_looks import LateLooks
 
 
 class UnseenMoves:
@@ -31,8 +26,7 @@ class UnseenMoves:
         self._deadbands = tuple(deadbands)
         self._unseen = [False] * len(self._deadbands)
         self._at = [math.nan] * len(self._deadbands)
-        self._looked = math.nan
-        self._usual = math.nan
+        self._looks = LateLooks()
 
     def step(self, time: float, positions: Sequence[float]) -> list[bool]:
         """For each axis, whether it has come to where it is by a move that nobody looked at.
@@ -46,16 +40,11 @@ class UnseenMoves:
         """
         if any(math.isnan(q) for q in positions):
             return list(self._unseen)
-        gap = time - self._looked
-        late = gap > max(LEAST, USUAL * self._usual) if self._usual == self._usual else False
-        if not late and gap == gap:
-            known = self._usual if self._usual == self._usual else gap
-            self._usual = known + _FORGETS * (gap - known)
+        late = self._looks.late(time)
         for i, (position, deadband) in enumerate(zip(positions, self._deadbands, strict=True)):
             if self._at[i] != self._at[i]:
                 self._at[i] = position
             elif abs(position - self._at[i]) > deadband:
                 self._unseen[i] = late
                 self._at[i] = position
-        self._looked = time
         return list(self._unseen)

@@ -20,6 +20,10 @@ from abbe.compcore.sentences import said
 
 Finite = Annotated[float, Field(allow_inf_nan=False, strict=True)]
 _Vec = tuple[Finite, Finite, Finite]
+BEGUN = "measured"
+"""Section of the head that says what a measurement was begun with."""
+SEEN = "seen"
+"""Its key: columns of what the measurement saw beside the signals, where it saw it."""
 MOST_ZEROS = 1000
 """Zeros that one set-up may have counted from."""
 _PADDING = ",,"
@@ -72,6 +76,8 @@ class CampaignHead:
         Named tools.
     metadata
         machine, instrument, notes and whatever else a person wrote.
+    seen
+        Columns of what `abbe measure` saw beside the signals; blank where it did not.
     """
 
     free: Mapping[str, tuple[str, ...]]
@@ -79,6 +85,7 @@ class CampaignHead:
     bases: Mapping[str, tuple[float, float, float]]
     tools: Mapping[str, Tool]
     metadata: Mapping[str, Any]
+    seen: frozenset[str] = frozenset()
 
 
 def plain_line(line: str) -> str | None:
@@ -171,4 +178,11 @@ def read_head(lines: list[str], file: str) -> CampaignHead:
         {name: b.position for name, b in parsed.bases.items()},
         {name: Tool(name, t.offset, t.free) for name, t in parsed.tools.items()},
         kept,
+        _seen(source.data.get(BEGUN)),
     )
+
+
+def _seen(begun: object) -> frozenset[str]:
+    names = begun.get(SEEN) if isinstance(begun, dict) else None
+    found = names if isinstance(names, list) else []
+    return frozenset(name for name in found if isinstance(name, str))

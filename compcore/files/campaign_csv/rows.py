@@ -155,7 +155,8 @@ class CampaignRows:
         signals = columns.signals
         spindle = (columns.spindle,) if columns.spindle else ()
         clock = ("time",) if "time" in columns else ()
-        for name in (*clock, *columns.positions.values(), *spindle, *signals):
+        read = [name for name in signals if name not in self._head.seen]
+        for name in (*clock, *columns.positions.values(), *spindle, *read):
             self._refuse(point & np.isnan(numbers[name]), name, "a blank cell", "a number")
         if "sd" in numbers:
             self._refuse(
@@ -282,12 +283,13 @@ class CampaignRows:
             spindle = np.deg2rad(_carried(numbers[columns.spindle].take()))
         # no clock is made of the order of rows
         time = _carried(numbers["time"].take()) if "time" in columns else np.zeros(n)
+        signals, unseen = self._signals(~base_rows)
         conditions = Conditions(
             positions=positions,
             directions={a: numbers[c].take() for a, c in columns.directions.items()},
             tool=self._tools(tool_name),
             time=time,
-            signals={c: _carried(numbers[c].take()) for c in columns.signals},
+            signals=signals,
             spindle_angle=spindle,
             run=np.zeros(n, dtype=np.int64),
             stretch=stretches_between_nights(time),
@@ -313,9 +315,27 @@ class CampaignRows:
             files={columns.file: sha256},
             metadata=(self._head.metadata,),
             spindle=self._machine.structure.spindle if columns.spindle else None,
+            unseen=unseen,
             **self._gauges(per_unit),
         )
         return with_zeros(made, self._head.zeros_at)
+
+    def _signals(self, point: Mask) -> tuple[dict[str, F64], dict[str, tuple[str, int]]]:
+        """Every signal's values; of those seen in a part of the rows only, the first row without.
+
+        What a measurement saw beside the signals is one where the machine declares it.
+        """
+        signals, unseen, lines = {}, {}, np.concatenate(self._line)
+        for name in self.columns.signals:
+            values = self._numbers[name].take()
+            if name in self._head.seen and name not in self._machine.signals:
+                continue
+            blank = point & np.isnan(values)
+            if blank.any():
+                unseen[name] = (self.columns.file, int(lines[np.argmax(blank)]))
+            else:
+                signals[name] = _carried(values)
+        return signals, unseen
 
     def _gauges(self, per_unit: F64) -> dict[str, Any]:
         if "gauge" not in self.columns:

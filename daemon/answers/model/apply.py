@@ -247,9 +247,11 @@ def _require_the_same_signals(unseen: Campaign, fitted: Campaign, model: Model) 
         if signal not in model.machine.signals or signal in unseen.conditions.signals:
             continue
         files = unseen.lacking.get(signal) or tuple(unseen.files) or (unseen.name,)
+        file, line = unseen.unseen.get(signal, (files[0], None))
         raise InputError(
             "a held-out campaign lacks a signal of the fitted ones, and a cause may read it",
-            file=files[0],
+            file=file,
+            line=line,
             field=signal,
             found=", ".join(unseen.conditions.signals) or "no signals",
             expected=f"a column '{signal}', or go on without --holdout",

@@ -9,6 +9,7 @@ from abbe.daemon.measure.compensation import RunsBeside
 from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import Tell, setup_words, target_words
 from abbe.daemon.measure.following.approach import Approach
+from abbe.daemon.measure.following.arrival_feed import ArrivalFeed
 from abbe.daemon.measure.following.instrument import Instrument
 from abbe.daemon.measure.following.nudge import NudgeCheck
 from abbe.daemon.measure.following.taking import TargetTaking
@@ -64,6 +65,7 @@ class Measurement:
         self._view = MachineView(configuration, task.instruments)
         self._watch = TargetWatch(self._limits, self._view.axes)
         self._approach = Approach(self._limits, self._view.axes)
+        self._feed = ArrivalFeed(self._limits, self._view.axes)
         self._rows = KeptRows(task.file)
         held = self._limits.signals_held
         self._news = MeasureNews(course, tell, task.file.path, task.expected, held)
@@ -73,7 +75,7 @@ class Measurement:
         self._zero.renew = course.here.begun and self._instrument.section.loses_zero
         clock = time.time() - time.monotonic() - task.started.timestamp()
         self._taking = TargetTaking(
-            course, self._view, self._zero, self._nudge, self._rows, self._news, clock,
+            course, self._view, self._feed, self._zero, self._nudge, self._rows, self._news, clock,
             anew=self._zero.renew and course.begin_anew(),
         )  # fmt: skip
         self._interruptions = self._restarts = 0
@@ -129,6 +131,7 @@ class Measurement:
     # one look
 
     def _step(self, seen: SeenMachine) -> None:
+        self._feed.look(seen)
         self._rows.flush(seen.time)
         self._news.disk(self._rows.problem)
         self._news.fault(seen)

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from abbe.compcore.campaign.campaign import Kind
 from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import place_words, target_words
+from abbe.daemon.measure.following.arrival_feed import ArrivalFeed
 from abbe.daemon.measure.following.average import SteadyReading
 from abbe.daemon.measure.following.instrument import Instrument, nominal_distance
 from abbe.daemon.measure.following.nudge import NudgeCheck
@@ -28,6 +29,8 @@ class TargetTaking:
         How far the measurement is; what is taken is noted there.
     view
         The machine's axes and signals.
+    feed
+        How fast the machine came.
     zero
         From which the instrument counts.
     nudge
@@ -51,6 +54,7 @@ class TargetTaking:
         self,
         course: MeasureCourse,
         view: MachineView,
+        feed: ArrivalFeed,
         zero: InstrumentZero,
         nudge: NudgeCheck,
         rows: KeptRows,
@@ -61,6 +65,7 @@ class TargetTaking:
     ) -> None:
         self._course = course
         self._view = view
+        self._feed = feed
         self._zero = zero
         self._nudge = nudge
         self._rows = rows
@@ -154,6 +159,7 @@ class TargetTaking:
             {a: seen.directions[a] for a in axes}, time,
             sds,
             {name: seen.signals[name].value for name in self._view.signal_names},
+            self._feed.values(),
         )  # fmt: skip
         course.took(seen.time)
 

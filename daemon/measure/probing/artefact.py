@@ -17,7 +17,7 @@ from abbe.daemon.measure.machine_view import SeenMachine
 from abbe.daemon.measure.news import MeasureNews
 from abbe.daemon.measure.probing.guarded_tip import GuardedTip
 from abbe.daemon.measure.probing.surroundings import Surroundings
-from abbe.daemon.measure.rows import part_name, read_back, rows_of, written
+from abbe.daemon.measure.rows import TOUCH_SPEED, part_name, read_back, rows_of, written
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,8 +86,11 @@ class TouchingWork:
         signals = {name: seen.signals[name].value for name in self.eyes.signal_names}
         time = self.clock + seen.time
         rows: list[Row] = list(
-            rows_of(setup, part, target, place, values, came, time, sds, signals)
-        )
+            rows_of(
+                setup, part, target, place, values, came, time, sds, signals,
+                {TOUCH_SPEED: self.section.touch_speed},
+            )
+        )  # fmt: skip
         rows = [{**row, **(more[k] if more else {})} for k, row in enumerate(rows)]
         course.here.take(visit)
         course.took(seen.time)

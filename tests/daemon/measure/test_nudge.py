@@ -10,7 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from abbe.compcore.files.growing_campaign import BEGUN, GrowingCampaign
+from abbe.compcore.files.campaign_csv.head import BEGUN
+from abbe.compcore.files.growing_campaign import GrowingCampaign
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import read_plan
 from abbe.compcore.planning.motion import TURN, steps_of

@@ -16,8 +16,9 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.campaign_csv.head import BEGUN
 from abbe.compcore.files.campaign_csv.writing import as_cell
-from abbe.compcore.files.growing_campaign import BEGUN, top_of
+from abbe.compcore.files.growing_campaign import top_of
 from abbe.compcore.files.text.atomic import write_atomically
 from abbe.compcore.files.visited_targets import READINGS, VisitedTargets
 from abbe.compcore.machine.machine import nominal_direction

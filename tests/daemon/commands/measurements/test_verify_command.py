@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from abbe.compcore.campaign.overlap import overlap
+from abbe.compcore.files.campaign_csv.head import BEGUN
 from abbe.compcore.files.campaign_file import read_campaigns
-from abbe.compcore.files.growing_campaign import BEGUN
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import read_plan
 from abbe.compcore.planning.plan import campaign_of
