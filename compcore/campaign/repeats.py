@@ -28,8 +28,9 @@ def repeat_groups(
 
     Repeats agree in run, set-up, kind, positions, approach directions, tool, spindle angle, unit
     vector and base points. Where the campaign records no direction of an axis it follows from the
-    order of the rows. With a machine, signals of role load or speed must agree as well (within 2 %
-    of their range): with another load on the table it is another measurement. Temperatures need
+    order of the rows. With a machine, signals of role load or speed must agree as well (loads
+    within 2 % of their range, speeds within 2 % of the greatest: one that was seen and not
+    commanded scatters): with another load on the table it is another measurement. Temperatures need
     not agree: the repeats must be close in time instead.
 
     Parameters
@@ -77,7 +78,8 @@ def _keys(campaign: Campaign, machine: Machine | None) -> list[I64]:
     for name, signal in c.signals.items() if machine else ():
         declared = machine.signals.get(name) if machine else None
         if declared is not None and declared.role in _OPERATING_ROLES and np.ptp(signal) > 0.0:
-            keys.append(_rounded(signal, 0.02 * float(np.ptp(signal))))
+            span = np.abs(signal).max() if declared.role == "speed" else np.ptp(signal)
+            keys.append(_rounded(signal, 0.02 * float(span)))
     return keys
 
 

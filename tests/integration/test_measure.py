@@ -100,6 +100,8 @@ def test_a_plan_becomes_a_campaign_that_is_the_machine(
     assert c.positions["X"][there] == pytest.approx(there_and_back, abs=2e-4)
     assert c.directions["X"][there].tolist() == [1.0] * 5 + [-1.0] * 5
     assert (np.diff(found.conditions.time) > 0.0).all()
+    text = (folder / "campaign.csv").read_text("utf-8")
+    assert 'seen = [\n#     "feed",\n# ]' in text
     assert set(found.conditions.signals) == {
         "T_x1",
         "T_x2",
@@ -188,8 +190,15 @@ def test_the_operator_stops_the_machine_where_no_target_is(
             stop_at(x)
             run.until(lambda e, a=away: f"stands {a}" in e["text"])
         assert len(run.kinds("row")) == 1
-        machine.read(1, 2, 3)
+        machine.read(1)
+        machine.speed = 100.0
+        machine.read(2, 3)
         assert run.wait() == 0, run.said
+    feeds = [e["rows"][0]["feed"] for e in run.kinds("row")]
+    # half of the way of its fifth-degree law is faster; blank where a busy computer did not see it
+    seen = [feed for feed in feeds[2:] if feed is not None]
+    assert seen
+    assert seen == pytest.approx([0.848 * 6000.0] * len(seen), rel=0.05)
     found = campaign_of(folder)
     assert found.conditions.positions["X"] == pytest.approx([50, 150, 250, 50], abs=0.01)
     assert set(found.setups) == {"x_line"}

@@ -301,7 +301,14 @@ class Driver:
         The measurement.
     plan, model
         What is driven through.
+
+    Attributes
+    ----------
+    speed
+        Of the next moves, mm/s.
     """
+
+    speed = SPEED
 
     def __init__(self, process: SimulatedProcess, run: MeasureRun, plan: Path, model: Path) -> None:
         self._process = process
@@ -320,7 +327,7 @@ class Driver:
     def beyond_the_first(self) -> None:
         """Drive to where the program stands beyond its first target."""
         moves = [{k: v for k, v in m.items() if k != "stands"} for m in self._moves]
-        self._process.order("drive", moves=moves[: self.targets[0] - 1], speed=SPEED)
+        self._process.order("drive", moves=moves[: self.targets[0] - 1], speed=self.speed)
         self._next = self.targets[0] - 1
 
     def to(self, number: int) -> None:
@@ -340,7 +347,7 @@ class Driver:
         moves = [
             {k: v for k, v in m.items() if k != "stands"} for m in self._moves[first : last + 1]
         ]
-        self._process.order("drive", moves=moves, speed=SPEED)
+        self._process.order("drive", moves=moves, speed=self.speed)
 
     def read(self, *numbers: int) -> None:
         """Drive to some targets, each until its rows are on the disk."""
