@@ -14,6 +14,7 @@ from abbe.compcore.planning.plan import SurveyPlan
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.setups.plates import probed_plates
 from abbe.compcore.planning.setups.points import ball_bars, ball_plates, distances
+from abbe.compcore.planning.setups.poses import poses
 from abbe.compcore.planning.setups.rotations import spheres
 from abbe.compcore.planning.targets import SurveyTask
 
@@ -31,6 +32,8 @@ _BASES = {
     "the side of low X": (0.02, 0.5), "the side of high X": (0.98, 0.5),
     "the side of low Y": (0.5, 0.02), "the side of high Y": (0.5, 0.98),
 }  # fmt: skip
+_STANDS = {"its front left": 45.0, "its front right": -45.0}
+"""Beside machines that reach points by joints."""
 _POINTS, _SEED = 40, 230
 """Of the distances from there, other points than those of usual plans."""
 _OTHERS = (None, 0.4)
@@ -47,6 +50,7 @@ def placings(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Planne
         yield from probed_plates(task, instrument, task.plate, _FLAT, _LEANING, _PLACES)
     elif instrument.key in ("tracker", "laser-tracker"):
         yield from distances(task, instrument, seed=_SEED, count=_POINTS, bases=_BASES)
+        yield from poses(task, instrument, _STANDS, _POINTS, _SEED, some=False)
     elif instrument.key == "ball-plate":
         yield from ball_plates(task, instrument, _PARTS, (0.5,))
 

@@ -6,28 +6,28 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from abbe.compcore.errors import InputError
+from abbe.compcore.figures.places import reaches_by_joints
 from abbe.compcore.machine.machine import Machine, nominal_direction
 from abbe.compcore.machine.structure import is_rotary
 
 
+def draws_back(machine: Machine) -> bool:
+    """Whether a linear axis draws the tool back: of an arm or a SCARA robot one beyond its joints.
+
+    What a column under an arm would do to the tip depends on how the arm stands.
+    """
+    side = machine.structure.tool_side
+    return bool(machine.structure.linear) and not (
+        reaches_by_joints(machine) and is_rotary(side[-1])
+    )
+
+
 def drawn_back(machine: Machine, offset: Sequence[float]) -> tuple[str, float]:
-    """The axis along which a tool is drawn back, and where to, mm.
+    """The axis along which a tool is drawn back, and where to, mm; of machines that `draws_back`.
 
     It is the linear axis nearest to the tool, drawn towards the spindle.
-
-    Raises
-    ------
-    InputError
-        When the machine has no linear axis.
     """
     near = [a for a in machine.structure.axes if not is_rotary(a)]
-    if not near:
-        raise InputError(
-            "a machine without linear axes has none along which its tool could be drawn back",
-            field="structure",
-            expected="a program of the robot's own to the plan's targets: abbe measure names each",
-        )
     axis = near[-1] if near[-1] in machine.structure.tool_side else near[0]
     towards = -float(np.dot(offset, nominal_direction(axis)))
     low, high = machine.axes[axis].travel

@@ -122,15 +122,18 @@ class WorkingSpace:
                 return i
         return None
 
-    def _enters(self, way: F64, box: KeepOut, offset: F64, swung: float | None) -> bool:
+    def _enters(self, way: F64, box: KeepOut, offset: F64, swung: F64 | None) -> bool:
         """Whether tip or tool enter a box on the way: the box is widened by the tool instead.
 
-        swung: how far the tool reaches from its tip, mm, where it may point anywhere; else None.
+        swung: how far the tool reaches from its tip, (m, 1) or (1, 1), mm, where it may point
+        anywhere; else None.
         """
         low = np.asarray(box.low) - np.maximum(-offset, 0.0) - self.radius
         high = np.asarray(box.high) - np.minimum(-offset, 0.0) + self.radius
         if swung is not None:
             reach = swung + self.radius
+            if len(reach) > 1:  # on each piece of the way the longer of its two ends
+                reach = np.maximum(reach[:-1], reach[1:])
             low, high = np.asarray(box.low) - reach, np.asarray(box.high) + reach
         low, high = low - self.beyond, high + self.beyond
         start, move = way[:-1], np.diff(way, axis=0)

@@ -32,6 +32,8 @@ class PlannedInstrument:
         What a length adds to it, mm per mm, to be added as squares.
     reach
         The longest line or distance that it measures, mm.
+    nearest
+        The shortest distance of a reflector that it is planned to look at, mm.
     """
 
     key: str
@@ -41,6 +43,7 @@ class PlannedInstrument:
     sd: float
     per_length: float = 0.0
     reach: float = 40e3
+    nearest: float = 0.0
 
     def uncertainty(self, length: float) -> float:
         """Standard uncertainty of one reading over a length (mm), mm or rad."""
@@ -60,9 +63,11 @@ INSTRUMENTS: Mapping[str, PlannedInstrument] = {
         # 3 s: read standing, target by target, as `abbe measure` follows a program
         PlannedInstrument("ball-bar", "ball bar", 12 * _MINUTE, 3.0, 7e-4, 0.0, 300.0),
         PlannedInstrument(
-            "tracker", "tracking interferometer", 25 * _MINUTE, 5.0, 5e-4, 5e-7, 15e3
+            "tracker", "tracking interferometer", 25 * _MINUTE, 5.0, 5e-4, 5e-7, 15e3, 500.0
         ),
-        PlannedInstrument("laser-tracker", "laser tracker", 15 * _MINUTE, 5.0, 1e-2, 5e-6, 80e3),
+        PlannedInstrument(
+            "laser-tracker", "laser tracker", 15 * _MINUTE, 5.0, 1e-2, 5e-6, 80e3, 1000.0
+        ),
         PlannedInstrument(
             "indicator", "indicator on a straightedge", 15 * _MINUTE, 6.0, 1e-3, 0.0, 500.0
         ),

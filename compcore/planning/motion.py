@@ -2,7 +2,8 @@
 
 A target is met from the side that the plan says: where an axis would come from the other one, it
 goes beyond first, stands, and comes back. Between set-ups the tool is drawn back along the axis
-that is nearest to it, and the program stops for the instrument to be set up.
+that is nearest to it, and the program stops for the instrument to be set up. An arm has no such axis: it
+goes straight to the next set-up, or over the pose in which its joints stand at 0.
 """
 
 from __future__ import annotations
@@ -15,9 +16,10 @@ from typing import Literal
 import numpy as np
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.figures.places import reaches_by_joints
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
-from abbe.compcore.planning.drawing_back import drawn_back
+from abbe.compcore.planning.drawing_back import drawn_back, draws_back
 from abbe.compcore.planning.envelope import WorkingSpace
 from abbe.compcore.planning.nudge import nudge_of
 from abbe.compcore.planning.planned_setup import PlannedSetup
@@ -110,18 +112,20 @@ class Way:
         order, _ = setup.visits()
         senses = setup.senses()
         moving = [a for a, q in setup.targets.items() if float(np.ptp(q)) > 0.0]
-        back, height = drawn_back(self._machine, setup.offset)
-        yield from self._back(setup, back, height)
+        rest: dict[str, float] = {}
+        if draws_back(self._machine):
+            rest = dict([drawn_back(self._machine, setup.offset)])
+        yield from self._back(setup, rest)
         before: dict[str, float] = {}
         for i, k in enumerate(order.tolist()):
             target = {a: float(q[k]) for a, q in setup.targets.items()}
             sense = {a: float(senses[a][i]) for a in moving}
             if i == 0:
                 first = target | {a: target[a] - sense[a] * self._more(a) for a in moving}
-                high = first | {back: height}
+                high = first | rest
                 if not self._at:
                     self._at = dict(high)
-                yield from self._across(setup, high, back)
+                yield from self._across(setup, high, tuple(rest))
                 yield ProgramStep("stop", f"set up the instrument: {setup.what}")
                 yield self._move(setup, first, TURN)
             else:
@@ -139,15 +143,20 @@ class Way:
                 directions={a: int(s) for a, s in sense.items()},
             )  # fmt: skip
             before = sense
-        yield self._move(setup, {back: height})
+        if rest:
+            yield self._move(setup, rest)
 
-    def _back(self, setup: PlannedSetup, back: str, height: float) -> Iterator[ProgramStep]:
+    def _back(self, setup: PlannedSetup, rest: Mapping[str, float]) -> Iterator[ProgramStep]:
         """The tool drawn back, also from where nobody knows that it is."""
-        if self._at:
-            yield self._move(setup, {back: height})
+        if not rest:
+            if not self._at:
+                yield ProgramStep("note", "the way to the first pose must be free")
+        elif self._at:
+            yield self._move(setup, rest)
         else:
+            ((back, height),) = rest.items()
             yield ProgramStep("note", f"the way of {back} to {height:.3f} must be free")
-            yield ProgramStep("move", at={back: height})
+            yield ProgramStep("move", at=dict(rest))
 
     def _nudged(
         self, setup: PlannedSetup, target: Mapping[str, float], seconds: float
@@ -165,12 +174,12 @@ class Way:
         yield self._move(setup, {a: target[a] for a in aside})
 
     def _across(
-        self, setup: PlannedSetup, to: Mapping[str, float], back: str
+        self, setup: PlannedSetup, to: Mapping[str, float], back: tuple[str, ...]
     ) -> tuple[ProgramStep, ...]:
         """The way to the next set-up with the tool drawn back: straight, or around what stands.
 
-        One axis after the other, or along an edge of the travels; raises as `_move` where none of
-        these is free.
+        One axis after the other, or along an edge of the travels; of an arm over the pose in which
+        its joints stand at 0. Raises as `_move` where none of these is free.
         """
         start = dict(self._at)
         first: InputError | None = None
@@ -181,10 +190,16 @@ class Way:
                 self._at, first = dict(start), first or error
         raise first or AssertionError
 
-    def _ways(self, to: Mapping[str, float], back: str) -> Iterator[list[Mapping[str, float]]]:
+    def _ways(
+        self, to: Mapping[str, float], back: tuple[str, ...]
+    ) -> Iterator[list[Mapping[str, float]]]:
         """Ways to a place, the shortest first; legs as axis → position."""
         yield [to]
-        level = [a for a in to if a != back and not is_rotary(a)]
+        level = [a for a in to if a not in back and not is_rotary(a)]
+        joints = [a for a in self._machine.structure.tool_side if is_rotary(a)]
+        if reaches_by_joints(self._machine):
+            home = {a: float(self._machine.axes[a].clamp(np.zeros(1))[0]) for a in joints}
+            yield [home, to]
         for axis in level:
             yield [{axis: to[axis]}, to]
         for axis in level:

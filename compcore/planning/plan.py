@@ -21,6 +21,7 @@ from abbe.compcore.planning.knowledge import CHANGED, VolumeError, added, prior
 from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.setups.candidates import possible, thought_of
 from abbe.compcore.planning.setups.lines import waves
+from abbe.compcore.planning.setups.poses import planned_by_joints
 from abbe.compcore.planning.setups.presets import PRESETS, Preset, filled, possible_of
 from abbe.compcore.planning.targets import SurveyTask
 from abbe.compcore.planning.undetermined import Undecided, undecided
@@ -113,16 +114,9 @@ def campaign_of(task: SurveyTask, setups: Sequence[PlannedSetup], start: float =
 
 _ELSE = "instruments that reach, room in the travels, more time"
 _AT_ARMS = (
-    "laser, straightness, angle, rotary-calibrator along the axes that are there; poses of an arm "
-    "are driven by its own program and brought as a campaign (docs/campaigns.md), that abbe fit "
-    "and diagnose take"
+    "laser-tracker or tracker for poses over all joints; laser, straightness, angle, "
+    "rotary-calibrator along the axes that are there; more time, fewer keep-out boxes"
 )
-
-
-def _by_joints(task: SurveyTask) -> bool:
-    """Whether joints stand for X, Y or Z: points in space are planned with all of these only."""
-    structure = task.machine.structure
-    return bool(structure.rotary) and len(structure.carrying) < len("XYZ")
 
 
 def plan_survey(
@@ -166,7 +160,7 @@ def plan_survey(
                 "no set-up of these instruments can be done on this machine in this time",
                 field="instruments",
                 found=", ".join(i.key for i in instruments),
-                expected=_AT_ARMS if _by_joints(task) else _ELSE,
+                expected=_AT_ARMS if planned_by_joints(task) else _ELSE,
             )
         volume = VolumeError.of(task)
         start = Knowledge.beforehand(prior(task.model, changed), volume)

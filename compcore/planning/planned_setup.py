@@ -9,7 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign, Kind, Setup
+from abbe.compcore.figures.places import reaches_by_joints
 from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine, nominal_direction
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.instruments import PlannedInstrument
@@ -20,7 +22,7 @@ Place = tuple[float, float, float]
 
 FEED = 50.0
 """Between targets, mm/s."""
-_TURN = np.radians(10.0)
+TURN_RATE = np.radians(10.0)
 """Between targets, rad/s."""
 MASTER_EVERY = 1200.0
 """s after which a set-up without a way back returns to its first target, the master point."""
@@ -87,6 +89,10 @@ class PlannedSetup:
         """The tool's tip at each target, (k, 3), mm: X, Y, Z (and those parallel) + tool."""
         return nominal_tip(self.targets, self.offset)
 
+    def stood(self, machine: Machine) -> F64:
+        """As `path`; where joints take the tip there (an arm), where they take it, (k, 3), mm."""
+        return tip_at(machine, self.targets, self.offset)
+
     def visits(self) -> tuple[Index, Index]:
         """The targets in the order in which they are visited, and the sense, 1 or −1, each (v,).
 
@@ -123,7 +129,7 @@ class PlannedSetup:
         order, _ = self.visits()
         way = np.zeros(max(len(order) - 1, 0))
         for axis, at in self.targets.items():
-            speed = _TURN if is_rotary(axis) else FEED
+            speed = TURN_RATE if is_rotary(axis) else FEED
             way = np.maximum(way, np.abs(np.diff(at[order])) / speed)
         return float(self.instrument.setup + len(order) * self.instrument.reading + way.sum())
 
@@ -157,7 +163,7 @@ class PlannedSetup:
         )
         value = np.zeros(n)
         if self.base is not None:
-            value = np.linalg.norm(self.path()[at] - np.asarray(self.base), axis=1)
+            value = np.linalg.norm(self.stood(machine)[at] - np.asarray(self.base), axis=1)
         none = np.full(n, "", dtype="<U1")
         return Campaign(
             "planned",
@@ -189,6 +195,26 @@ def nominal_tip(targets: Mapping[str, F64], offset: Sequence[float]) -> F64:
         if not is_rotary(axis):
             at = at + np.outer(position, nominal_direction(axis))
     return at
+
+
+def tip_at(machine: Machine, targets: Mapping[str, F64], offset: Sequence[float]) -> F64:
+    """The tool's tip at some targets, (k, 3), mm, as X, Y, Z + tool count.
+
+    Where joints take it there (an arm, a SCARA robot) by the kinematics of the machine as it is
+    drawn.
+
+    Parameters
+    ----------
+    targets
+        Axis → its positions, (k,), mm or rad.
+    offset
+        The tool's, mm; of an arm where the tip is while all joints stand at 0.
+    """
+    if not reaches_by_joints(machine):
+        return nominal_tip(targets, offset)
+    count = max((len(q) for q in targets.values()), default=0)
+    tool = np.tile(np.asarray(offset, dtype=np.float64), (count, 1))
+    return np.asarray(Chain(machine, Conditions(dict(targets), tool=tool)).point)
 
 
 def resting(machine: Machine, signal: str) -> float:

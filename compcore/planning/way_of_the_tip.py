@@ -8,11 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.figures.places import reaches_by_joints
-from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
-from abbe.compcore.planning.planned_setup import nominal_tip
+from abbe.compcore.planning.planned_setup import nominal_tip, tip_at
 
 F64 = NDArray[np.float64]
 
@@ -36,6 +34,17 @@ def way_of_the_tip(machine: Machine, targets: Mapping[str, F64], offset: Sequenc
     """
     if not reaches_by_joints(machine):
         return nominal_tip(targets, offset)
+    return tip_at(machine, _between(targets), offset)
+
+
+def _between(targets: Mapping[str, F64]) -> dict[str, F64]:
+    """Some targets and places between them, no joint turning more than a little from one to next.
+
+    Parameters
+    ----------
+    targets
+        As in `way_of_the_tip`.
+    """
     count = max((len(q) for q in targets.values()), default=0)
     turned = [np.abs(np.diff(q)) for a, q in targets.items() if is_rotary(a)]
     most = np.max(turned, axis=0) if turned else np.zeros(max(count - 1, 0))
@@ -43,15 +52,15 @@ def way_of_the_tip(machine: Machine, targets: Mapping[str, F64], offset: Sequenc
     parts = [n + np.arange(c) / c for n, c in enumerate(cuts.tolist())]
     where = np.concatenate([*parts, [count - 1.0]])
     among = np.arange(count)
-    between = {a: np.interp(where, among, q) for a, q in targets.items()}
-    tool = np.tile(np.asarray(offset, dtype=np.float64), (len(where), 1))
-    return np.asarray(Chain(machine, Conditions(between, tool=tool)).point)
+    return {a: np.interp(where, among, q) for a, q in targets.items()}
 
 
 def length_of_the_tool(
     machine: Machine, targets: Mapping[str, F64], offset: Sequence[float]
-) -> float:
-    """How far from its tip a tool reaches at most, mm: to the spindle, of an arm to its last joint.
+) -> F64:
+    """How far from its tip a tool reaches, mm: to the spindle, of an arm to its last joint.
+
+    (m, 1), at each place of `way_of_the_tip`; (1, 1) where it is the same at all of them.
 
     Parameters
     ----------
@@ -60,11 +69,12 @@ def length_of_the_tool(
     """
     reach = np.asarray(offset, dtype=np.float64)[None, :]
     if not reaches_by_joints(machine):
-        return float(np.linalg.norm(reach))
+        return np.linalg.norm(reach, axis=1, keepdims=True)
     side = machine.structure.tool_side
     last = max(n for n, a in enumerate(side) if machine.axis(a).rotary)
     reach = reach - np.asarray(machine.axis(side[last]).location)
-    for axis in side[last + 1 :]:
-        if axis in targets:
-            reach = reach + np.outer(targets[axis], machine.axis(axis).direction)
-    return float(np.linalg.norm(reach, axis=1).max())
+    beyond = [a for a in side[last + 1 :] if a in targets]
+    at = _between(targets) if beyond else {}
+    for axis in beyond:
+        reach = reach + np.outer(at[axis], machine.axis(axis).direction)
+    return np.linalg.norm(reach, axis=1, keepdims=True)

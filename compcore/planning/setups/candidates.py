@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.setups import gauges, lines, plates, points, rotations
+from abbe.compcore.planning.setups import gauges, lines, plates, points, poses, rotations
 from abbe.compcore.planning.targets import SurveyTask
 
 _OWN = {
@@ -55,6 +55,7 @@ def _of(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[PlannedSetu
         yield from points.ball_bars(task, instrument)
     elif key in ("tracker", "laser-tracker"):
         yield from points.distances(task, instrument)
+        yield from poses.poses(task, instrument)
     elif key == "ball-plate" and task.plate is not None:
         yield from plates.probed_plates(task, instrument, task.plate)
     elif key == "ball-plate":

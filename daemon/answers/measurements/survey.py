@@ -5,7 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import Any
 
+from abbe.compcore.planning.instruments import INSTRUMENTS
 from abbe.compcore.planning.plan import PlanStep, SurveyPlan
+from abbe.compcore.planning.setups.poses import planned_by_joints
 from abbe.compcore.planning.setups.presets import PRESETS
 from abbe.compcore.sentences import as_it_stands, joined, listed, said
 from abbe.compcore.units import in_digits
@@ -17,6 +19,7 @@ MEANING = said(
 )
 _NAMED = 3
 """Set-ups hindered by a keep-out box that are named; the page and ``--json`` have all."""
+_BY_JOINTS = tuple(INSTRUMENTS[key].title for key in ("laser-tracker", "tracker"))
 _MOST_OF_IT = 0.5
 """Part of a machine's usual errors from which on it is said that these set-ups are too few."""
 
@@ -107,7 +110,7 @@ def as_text(plan: SurveyPlan) -> Iterator[str]:
     yield from stays_words(plan)
     for one in plan.left:
         yield said("  undetermined: {what}", what=str(one))
-    if plan.presets is not None:
+    if plan.presets:
         yield said("  the same time spent otherwise, with the instruments that it needs:")
         for key, left in plan.presets.items():
             title = as_it_stands(PRESETS[key].title)
@@ -128,17 +131,15 @@ def unmoved_words(plan: SurveyPlan) -> Iterator[str]:
 
 def placeless_words(plan: SurveyPlan) -> Iterator[str]:
     """Instruments at hand that the plan cannot place."""
-    structure = plan.task.machine.structure
-    if structure.rotary and len(structure.carrying) < len("XYZ"):
-        for title in plan.placeless:
+    for title in plan.placeless:
+        if planned_by_joints(plan.task) and title not in _BY_JOINTS:
             yield said(
-                "  NO PLACE for {instrument}: points in space are planned on machines with X, Y "
-                "and Z; an arm drives poses spread over all its joints by its own program, and "
-                "they are brought as a campaign (docs/campaigns.md)",
+                "  NO PLACE for {instrument}: it stands or lies where X, Y and Z would lead the tip "
+                "to it, or along an axis that the machine does not have; points in space of an arm "
+                "are read by a laser tracker or a tracking interferometer",
                 instrument=as_it_stands(title),
             )
-        return
-    for title in plan.placeless:
+            continue
         yield said(
             "  NO PLACE for {instrument}: none of its set-ups lies within the travels, keep-out "
             "boxes left out (where rotary axes turn: does the model say where their lines are, "

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from abbe.compcore.figures.figure import COLOURS, GREY, Figure, figure, line
 from abbe.compcore.figures.places import reaches_by_joints
-from abbe.compcore.machine.conditions import Conditions
-from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.planning.plan import PlanStep, SurveyPlan
-from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.planned_setup import PlannedSetup, tip_at
 from abbe.compcore.planning.setups.presets import PRESETS
 from abbe.compcore.planning.targets import SurveyTask
 from abbe.compcore.sentences import as_it_stands, said
@@ -40,6 +38,8 @@ _MOST_PICTURES = 40
 _REACH = said("reach of the tip")
 _ARC = 25
 """Places of a joint on the lines that show its reach."""
+_MANY = 60
+"""Targets above which they are drawn small."""
 _FEW = 3
 """Joints beside the one that moves, up to which each of them stands at its ends."""
 
@@ -85,7 +85,7 @@ def page(plan: SurveyPlan, model: Path, language: PageLanguage | None = None) ->
     made.section(said("What stays undetermined"))
     nothing = said("nothing that would be felt in the volume")
     made.notes([str(one) for one in plan.left] or [nothing])
-    if plan.presets is not None:
+    if plan.presets:
         made.section(said("The same time spent otherwise, with the instruments that it needs"))
         rows = [[said("this plan"), number(plan.after * 1e3, 3)]]
         rows += [
@@ -151,11 +151,12 @@ def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
         _box(np.array(box.low), np.array(box.high), COLOURS[6], said("keep out"))
         for box in task.space.keep_out
     ]
-    way = _stood(task.machine, setup)
+    way = setup.stood(task.machine)
+    many = len(way) > _MANY
     traces.append(
         shared | {"mode": "lines+markers", "name": said("targets"),
-                  "line": {"color": COLOURS[1], "width": 4},
-                  "marker": {"size": 5, "color": COLOURS[1]},
+                  "line": {"color": COLOURS[1], "width": 1 if many else 4},
+                  "marker": {"size": 3 if many else 5, "color": COLOURS[1]},
                   "x": way[:, 0], "y": way[:, 1], "z": way[:, 2]}
     )  # fmt: skip
     for i, (title, place) in enumerate(setup.optics.items()):
@@ -176,18 +177,6 @@ def picture(task: SurveyTask, setup: PlannedSetup) -> Figure:
     return figure(traces, scene=scene, height=480, showlegend=True)
 
 
-def _stood(machine: Machine, setup: PlannedSetup) -> F64:
-    """Where the tip stands at each target, (k, 3), mm; of an arm where its joints take it."""
-    if not reaches_by_joints(machine):
-        return setup.path()
-    return np.asarray(Chain(machine, _conditions(setup, setup.targets)).point)
-
-
-def _conditions(setup: PlannedSetup, at: Mapping[str, F64]) -> Conditions:
-    count = len(next(iter(at.values())))
-    return Conditions(dict(at), tool=np.tile(np.asarray(setup.offset), (count, 1)))
-
-
 def _reach(machine: Machine, setup: PlannedSetup) -> Figure:
     """What the tip can reach: the travels' box, or what joints draw, one after the other."""
     if not reaches_by_joints(machine):
@@ -201,7 +190,7 @@ def _reach(machine: Machine, setup: PlannedSetup) -> Figure:
         for stand in product(*(_stands(machine.axes[a], len(others)) for a in others)):
             at = {a: np.full(_ARC, q) for a, q in zip(others, stand, strict=True)}
             at[axis] = np.linspace(*own.travel, _ARC)
-            drawn += [np.asarray(Chain(machine, _conditions(setup, at)).point), gap]
+            drawn += [tip_at(machine, at, setup.offset), gap]
     return _lines(np.concatenate(drawn), GREY, _REACH)
 
 
