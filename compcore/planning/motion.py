@@ -2,8 +2,8 @@
 
 A target is met from the side that the plan says: where an axis would come from the other one, it
 goes beyond first, stands, and comes back. Between set-ups the tool is drawn back along the axis
-that is nearest to it, and the program stops for the instrument to be set up. An arm has no such axis: it
-goes straight to the next set-up, or over the pose in which its joints stand at 0.
+that is nearest to it, and the program stops for the instrument to be set up. An arm has no such
+axis: it goes straight to the next set-up, or over the pose in which its joints stand at 0.
 """
 
 from __future__ import annotations

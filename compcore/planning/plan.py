@@ -19,7 +19,7 @@ from abbe.compcore.planning.choice import Candidates, Chosen, Knowledge, choose
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.knowledge import CHANGED, VolumeError, added, prior
 from abbe.compcore.planning.planned_setup import PlannedSetup
-from abbe.compcore.planning.setups.candidates import possible, thought_of
+from abbe.compcore.planning.setups.candidates import thought_of, unhindered
 from abbe.compcore.planning.setups.lines import waves
 from abbe.compcore.planning.setups.poses import planned_by_joints
 from abbe.compcore.planning.setups.presets import PRESETS, Preset, filled, possible_of
@@ -150,7 +150,8 @@ def plan_survey(
     tell = progress or (lambda _: None)
     with threads_for(1):
         tell("set-ups that can be done")
-        found = list(possible(task, instruments))
+        thought = list(thought_of(task, instruments))
+        found = list(unhindered(task, thought))
         fine = [s for i in instruments if i.key == "laser" for s in waves(task, i)]
         fine = [s for s in fine if task.space.hindrance(task.machine, s) is None]
         tell("what each of them adds")
@@ -182,7 +183,7 @@ def plan_survey(
             ordered(task, chosen, start),
             presets=_weighed(task, start, seconds) if compare else None,
             placeless=tuple(i.title for i in instruments if i.key not in placed),
-            hindered=hindered(task, thought_of(task, instruments)),
+            hindered=hindered(task, thought),
         )
 
 

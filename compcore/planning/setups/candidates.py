@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 
 from abbe.compcore.planning.instruments import PlannedInstrument
 from abbe.compcore.planning.planned_setup import PlannedSetup
@@ -17,16 +17,17 @@ _OWN = {
 
 
 def possible(task: SurveyTask, instruments: Sequence[PlannedInstrument]) -> Sequence[PlannedSetup]:
-    """Set-ups within travels and outside keep-out boxes, one run each.
+    """Set-ups within travels and outside keep-out boxes, one run each."""
+    return unhindered(task, thought_of(task, instruments))
+
+
+def unhindered(task: SurveyTask, thought: Iterable[PlannedSetup]) -> Sequence[PlannedSetup]:
+    """Those of some set-ups that travels and keep-out boxes allow.
 
     Of a model that knows only how axes err along themselves those in which one axis moves, where
     there are such: what squareness and angles do along a diagonal it would call positioning.
     """
-    found = [
-        setup
-        for setup in thought_of(task, instruments)
-        if task.space.hindrance(task.machine, setup) is None
-    ]
+    found = [setup for setup in thought if task.space.hindrance(task.machine, setup) is None]
     alone = [setup for setup in found if setup.axis]
     if task.along_axes:
         return alone

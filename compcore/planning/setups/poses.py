@@ -100,7 +100,7 @@ def poses(
             made = _set_up(instrument, what, targets, (tool, offset), place, found)
             tips = made.stood(task.machine)
             far = np.linalg.norm(tips - place, axis=1)
-            if far.max() > instrument.reach or made.base is not None and not _in_space(tips):
+            if far.max() > instrument.reach or (made.base is not None and not _in_space(tips)):
                 continue
             made.sd[:] = [instrument.uncertainty(float(x)) for x in far]
             made.optics[f"{instrument.title} stands"] = _place(place)
@@ -108,7 +108,7 @@ def poses(
 
 
 def _in_space(tips: F64) -> bool:
-    """Whether points lie in no plane: from distances to these alone nobody knows where a base is."""
+    """Whether points lie in no plane: distances to such say where their base is."""
     size = np.linalg.svd(tips - tips.mean(axis=0), compute_uv=False)
     return bool(size[2] > _FLAT * size[0])
 

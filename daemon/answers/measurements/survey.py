@@ -134,9 +134,9 @@ def placeless_words(plan: SurveyPlan) -> Iterator[str]:
     for title in plan.placeless:
         if planned_by_joints(plan.task) and title not in _BY_JOINTS:
             yield said(
-                "  NO PLACE for {instrument}: it stands or lies where X, Y and Z would lead the tip "
-                "to it, or along an axis that the machine does not have; points in space of an arm "
-                "are read by a laser tracker or a tracking interferometer",
+                "  NO PLACE for {instrument}: it stands or lies where X, Y and Z would lead the "
+                "tip to it, or along an axis that the machine does not have; points in space of an "
+                "arm are read by a laser tracker or a tracking interferometer",
                 instrument=as_it_stands(title),
             )
             continue

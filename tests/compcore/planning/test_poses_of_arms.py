@@ -1,8 +1,9 @@
-"""Points in space of arms: where joints take the tip, by products of transforms written out apart."""
+"""Points in space of arms: where joints take the tip, by transforms written out apart."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -90,7 +91,7 @@ def test_no_way_between_poses_leads_into_a_box():
     order, _ = setup.visits()
     q = np.stack([setup.targets[joint][order] for joint in JOINTS], axis=1)
     way = np.concatenate([a + np.linspace(0.0, 1.0, 20)[:, None] * (b - a)
-                          for a, b in zip(q[:-1], q[1:], strict=True)])  # fmt: skip
+                          for a, b in pairwise(q)])  # fmt: skip
     # 102 mm from the last joint's place to the tip
     assert tips(way, np.tile(TOOL, (len(way), 1)))[:, 2].min() > 100.0
     free = poses(task(), INSTRUMENTS["laser-tracker"], {"in front": 0.0}, 24, some=False)
@@ -128,7 +129,7 @@ def test_an_arm_is_planned_and_the_plan_keeps_its_word():
 
 def test_an_arm_goes_over_the_pose_of_its_zeros_where_the_straight_way_is_not_free(seen):
     """The other set-ups' poses stand still here: all that moves are the ways between them."""
-    one, two = ({j: 0.0 for j in JOINTS} | {"C1": c, "B2": 0.6} for c in (-0.9, 0.9))
+    one, two = (dict.fromkeys(JOINTS, 0.0) | {"C1": c, "B2": 0.6} for c in (-0.9, 0.9))
     machine = task().machine
 
     def standing(at, name):
