@@ -69,7 +69,7 @@ def length_of_the_tool(
     """
     reach = np.asarray(offset, dtype=np.float64)[None, :]
     if not reaches_by_joints(machine):
-        return np.linalg.norm(reach, axis=1, keepdims=True)
+        return np.asarray(np.linalg.norm(reach, axis=1, keepdims=True))
     side = machine.structure.tool_side
     last = max(n for n, a in enumerate(side) if machine.axis(a).rotary)
     reach = reach - np.asarray(machine.axis(side[last]).location)
@@ -77,4 +77,4 @@ def length_of_the_tool(
     at = _between(targets) if beyond else {}
     for axis in beyond:
         reach = reach + np.outer(at[axis], machine.axis(axis).direction)
-    return np.linalg.norm(reach, axis=1, keepdims=True)
+    return np.asarray(np.linalg.norm(reach, axis=1, keepdims=True))

@@ -91,7 +91,7 @@ class _TouchingWay(Way):
         order, _ = setup.visits()
         senses, turning = setup.senses(), turning_axes(setup)
         back, height = drawn_back(machine, setup.offset)
-        yield from self._back(setup, back, height)
+        yield from self._back(setup, {back: height})
         before: dict[str, float] = {}
         for i, k in enumerate(order.tolist()):
             angles = {a: float(q[k]) for a, q in setup.targets.items() if is_rotary(a)}
@@ -104,7 +104,7 @@ class _TouchingWay(Way):
                 beyond = {a: angles[a] - sense[a] * self._more(a) for a in late}
                 yield self._move(setup, beyond, TURN)
             yield self._move(setup, angles)
-            yield from self._across(setup, over | {back: height}, back)
+            yield from self._across(setup, over | {back: height}, (back,))
             if not i:
                 yield ProgramStep("stop", f"probe in, sphere on the table: {setup.what}")
             self._number += 1

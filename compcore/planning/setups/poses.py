@@ -189,7 +189,8 @@ class _Room:
         """A place outside of what the tip reaches, at the height of its middle, mm."""
         turn = np.radians(angle)
         way = np.cos(turn) * self.front + np.sin(turn) * np.cross(self.up, self.front)
-        return np.round(self.middle + (self.reach + max(_BEYOND, instrument.nearest)) * way)
+        out = self.reach + max(_BEYOND, instrument.nearest)
+        return np.asarray(np.round(self.middle + out * way))
 
 
 def _spread(task: SurveyTask, some: _Some, rng: np.random.Generator, count: int) -> dict[str, F64]:
