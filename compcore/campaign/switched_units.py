@@ -8,6 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.machine.machine import Machine
+from abbe.compcore.machine.plausible import BODIES
 from abbe.compcore.sentences import said
 from abbe.compcore.units import in_digits
 
@@ -19,6 +21,14 @@ _AGREES = 2.0
 """K by which the reading after the jump may differ from the one before it in the other unit."""
 _SOON = 60.0
 """s between two readings that a body cannot have warmed in."""
+
+
+def switched_thermometers(campaign: Campaign, machine: Machine) -> Iterator[str]:
+    """Of every thermometer of a body that is in °C the first place where it goes on in °F."""
+    for name, values in campaign.conditions.signals.items():
+        signal = machine.signals.get(name)
+        if signal is not None and signal.unit == "degC" and signal.role in BODIES:
+            yield from of_switched_units(campaign, name, values)
 
 
 def of_switched_units(campaign: Campaign, name: str, values: F64) -> Iterator[str]:

@@ -14,6 +14,7 @@ from dataclasses import replace
 import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
+from abbe.compcore.campaign.switched_units import switched_thermometers
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.mistaken import mistakes
 from abbe.compcore.diagnosis.screening.body_motions import of_a_body
@@ -97,10 +98,13 @@ def to_the_verdict(
         Where the campaign's writer seems to have mistaken a unit, a sign or a thermometer.
     """
     progress("mistakes in the campaign")
-    if mistaken := mistakes(model, campaign):
+    found: list[str] = list(switched_thermometers(campaign, model.machine))
+    if not found and (mistaken := mistakes(model, campaign)):
+        found = [*(m.text for m in mistaken), mistaken[0].without.words()]
+    if found:
         raise InputError(
             said("a mistake in the campaign would be taken for the machine's; nothing was added"),
-            found=joined([*(m.text for m in mistaken), mistaken[0].without.words()]),
+            found=joined(found),
             expected=said(
                 "that to be put right, and diagnosed again; if it is none, diagnose without "
                 "--apply, and add what is missing by hand"

@@ -11,6 +11,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.diagnosis.findings import Findings
 from abbe.compcore.diagnosis.screening.candidates import RIGID
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
+from abbe.compcore.diagnosis.uncatalogued.beyond_the_ends import holds_at_the_ends
 from abbe.compcore.diagnosis.uncatalogued.descriptions import (
     LEAST,
     descriptions,
@@ -90,6 +91,8 @@ def best_beside(
         if not taken(fall, was.left, after, weight, chances):
             continue
         if along and not _between(before, result, added):
+            continue
+        if not holds_at_the_ends(before, result, added):
             continue
         if not whole or foretells_other_lines(before, result, added):
             best = left, more, result

@@ -50,6 +50,16 @@ def test_a_sound_campaign_holds_none(sound: Campaign) -> None:
     assert not list(other_units(sound, MODEL.machine))
 
 
+def test_a_thermometer_in_fahrenheit_from_a_row_on_stops_the_way(sound: Campaign) -> None:
+    """Fitted with it, a scale of 10 ppm/K was one of −0.4, and the verdict complete."""
+    names = [n for n, s in MODEL.machine.signals.items() if s.role == "scale"]
+    value = sound.conditions.signals[names[0]]
+    late = sound.conditions.time > np.median(sound.conditions.time)
+    wrong = reading(sound, **{names[0]: np.where(late, 1.8 * value + 32.0, value)})
+    with pytest.raises(InputError, match=f"{names[0]} reads .* was it switched"):
+        to_the_verdict(MODEL, wrong)
+
+
 @pytest.mark.parametrize("model", [MODEL, Model(MODEL.machine, ())], ids=["full", "bare"])
 def test_one_set_up_in_inches(sound: Campaign, model: Model) -> None:
     wrong = moved(sound, ONE, "Y", lambda q: q / 25.4)
