@@ -249,6 +249,15 @@ class Fanuc(Controller):
                 else ()
             ),
             "The interval must be at least the greatest feed rate in mm/min divided by 7500.",
+            *(
+                (
+                    "Of a rotary axis that turns on and on, the entries over a turn must add up to "
+                    "0, and whole intervals make 360 degrees: look at both, rounding may have "
+                    "spoilt them.",
+                )
+                if self.machine.structure.rotary
+                else ()
+            ),
             "Switch the control off and on, and return to the reference position.",
             "Check one point with an indicator before cutting: neither the sign nor the block "
             "numbers "

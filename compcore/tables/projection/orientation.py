@@ -24,6 +24,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.error_motion import ErrorMotion
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.machine import Machine, own_component
+from abbe.compcore.machine.structure import Structure
 from abbe.compcore.model.pose import DAMPING, MOST_TURN, POLE, spinning_axes, tool_letter
 from abbe.compcore.tables.capability import Capability, Holds
 from abbe.compcore.tables.field import ErrorField
@@ -40,6 +41,10 @@ Fine = Callable[[str], F64]
 _POINTS = 987
 _WORTH_SAYING = 1e-6
 """rad"""
+_RADIUS = 100.0
+"""mm from its line at which a rotary axis's angle counts where neither tool nor axes say where."""
+_MOST_ALONE = 2
+"""Rotary axes of a table or head alone; more of them are an arm, whose poses no table knows."""
 _NOTHING = 2e-7
 """rad: a table over another axis's position that does less is not made."""
 
@@ -48,6 +53,8 @@ def longest_lever(field: ErrorField, volume: Volume, axis: str = "") -> float:
     """The longest lever of a turn of an axis in the volume, mm: tool and the others' ranges."""
     linear = field.model.machine.structure.linear
     tool = float(np.linalg.norm(field.state.tool))
+    if not linear:
+        return tool or _RADIUS
     return tool + sum(2.0 * volume.half(a) for a in linear if a != axis)
 
 
@@ -82,6 +89,34 @@ def lean(
     tilt = across(chain.to_workpiece(field.model.predict(conditions).rotation))
     columns = [across(chain.screw(a)[1]) for a in axes]
     return tilt, np.stack(columns, axis=2) if columns else np.zeros((conditions.n, 3, 0))
+
+
+def require_corrected(structure: Structure, capability: Capability) -> None:
+    """Refuse a machine none of whose axes can carry what the controller's tables hold.
+
+    Raises
+    ------
+    InputError
+        For an arm, and a rotary table alone whose controller has no table for its angle.
+    """
+    if structure.carrying:
+        return
+    if structure.linear or len(structure.rotary) > _MOST_ALONE:
+        structure.require_carrying()
+    grid_or_motions = capability.form("grid") or capability.form("motions")
+    turned = [a for a in structure.rotary if _holds(capability, a, a)]
+    if not turned and (grid_or_motions is None or not _knows_rotary(capability)):
+        raise InputError(
+            "the machine has rotary axes only, and this controller has no table for the angle of "
+            "one",
+            field="structure",
+            found=str(structure),
+            expected="a controller that holds R-POS: abbe controllers",
+        )
+
+
+def _knows_rotary(capability: Capability) -> bool:
+    return any(name.startswith("R-") for name in capability.types)
 
 
 def require_turning(machine: Machine, capability: Capability) -> None:

@@ -16,7 +16,11 @@ from abbe.compcore.tables.grid import spatial_grid
 from abbe.compcore.tables.projection.curves.curve import Curve, fit_tables
 from abbe.compcore.tables.projection.motions import LETTERS, axis_motions
 from abbe.compcore.tables.projection.moves import move_tables
-from abbe.compcore.tables.projection.orientation import longest_lever, require_turning
+from abbe.compcore.tables.projection.orientation import (
+    longest_lever,
+    require_corrected,
+    require_turning,
+)
 from abbe.compcore.tables.projection.present import (
     MadeTables,
     curves_added,
@@ -85,11 +89,11 @@ def project(
     Raises
     ------
     InputError
-        When the machine has none of X, Y, Z, `points` is more than the controller can hold, a table
-        is present that it cannot hold, or the direction is to be held by a controller or a
-        machine that cannot.
+        When no axis of the machine can carry what the controller holds, `points` is more than it
+        can hold, a table is present that it cannot hold, or the direction is to be held by a
+        controller or a machine that cannot.
     """
-    field.model.machine.structure.require_carrying()
+    require_corrected(field.model.machine.structure, capability)
     if orientation:
         require_turning(field.model.machine, capability)
     allowed = tolerance if points is None else 0.0

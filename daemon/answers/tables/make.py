@@ -25,6 +25,7 @@ from abbe.compcore.model.uncertainty import (
     uncertainty,
 )
 from abbe.compcore.tables import record as records
+from abbe.compcore.tables.angle_left import angle_left
 from abbe.compcore.tables.capability import RIGID
 from abbe.compcore.tables.field import ErrorField
 from abbe.compcore.tables.projection.project import TOLERANCE, project
@@ -179,6 +180,7 @@ def _made(request: TableRequest, model: Model | None) -> TableAnswer:
         found.notes,
         _of_a_lathe(tables, model),
         _without_axis(model),
+        _angles(trial, new),
         lines,
         in_words(sure),
     )
@@ -212,6 +214,22 @@ def _without_axis(model: Model) -> list[str]:
         f"errors along {' and '.join(missing)}, where the machine has no linear axis, are not "
         "counted in what is left: abbe correct says how large they are at a point"
     ]
+
+
+def _angles(trial: TrialPoints, tables: Sequence[Table]) -> list[str]:
+    """What is left of the angles of a rotary table or head alone, whose points move by no axis."""
+    structure = trial.field.model.machine.structure
+    if structure.carrying:
+        return []
+    said = []
+    for axis in structure.rotary:
+        none, left = (angle_left(trial, axis, made) * 1e6 for made in ((), tables))
+        said.append(
+            f"{axis}: of its angle {np.abs(none).max():.1f} µrad at most, {none.std():.1f} rms, "
+            f"without compensation, {np.abs(left).max():.1f} and {left.std():.1f} with these "
+            "tables (a turn of the whole taken off)"
+        )
+    return said
 
 
 def _of_a_lathe(tables: Sequence[Table], model: Model) -> list[str]:

@@ -71,12 +71,14 @@ def as_text(done: TableAnswer, written: Sequence[Path]) -> Iterator[str]:
         unit = row["unit"].replace("u", "µ", 1)
         yield f"  {row['table']:<10} {size:>7} points{ways}, largest {row['largest']:.1f} {unit}"
     yield ""
-    yield "Left of the error in the working volume (a shift of the whole taken off), µm:"
-    rows = remaining_rows(done)
-    wide = max(34, *(len(name) for name, _ in rows))
-    yield f"  {'':<{wide}}{'largest':>9}{'rms':>9}"
-    for name, left in rows:
-        yield f"  {name:<{wide}}{left.largest * 1e3:>9.1f}{left.rms * 1e3:>9.1f}"
+    # of a rotary table alone the notes say it, in angles
+    if done.model.machine.structure.carrying:
+        yield "Left of the error in the working volume (a shift of the whole taken off), µm:"
+        rows = remaining_rows(done)
+        wide = max(34, *(len(name) for name, _ in rows))
+        yield f"  {'':<{wide}}{'largest':>9}{'rms':>9}"
+        for name, left in rows:
+            yield f"  {name:<{wide}}{left.largest * 1e3:>9.1f}{left.rms * 1e3:>9.1f}"
     own, none = done.remaining[controller.name], done.remaining[NONE]
     leans = f"The tool leans by {none.lean_rms * 1e6:.1f} µrad (rms)"
     if pointing_axes(done.model.machine):
