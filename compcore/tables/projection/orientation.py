@@ -44,7 +44,7 @@ _WORTH_SAYING = 1e-6
 _RADIUS = 100.0
 """mm from its line at which a rotary axis's angle counts where neither tool nor axes say where."""
 _MOST_ALONE = 2
-"""Rotary axes of a table or head alone; more of them are an arm, whose poses no table knows."""
+"""Rotary axes of a table or head alone; more, or two alike, are an arm, whose poses none knows."""
 _NOTHING = 2e-7
 """rad: a table over another axis's position that does less is not made."""
 
@@ -101,7 +101,8 @@ def require_corrected(structure: Structure, capability: Capability) -> None:
     """
     if structure.carrying:
         return
-    if structure.linear or len(structure.rotary) > _MOST_ALONE:
+    alike = len({axis[0] for axis in structure.rotary}) < len(structure.rotary)
+    if structure.linear or alike or len(structure.rotary) > _MOST_ALONE:
         structure.require_carrying()
     grid_or_motions = capability.form("grid") or capability.form("motions")
     turned = [a for a in structure.rotary if _holds(capability, a, a)]
