@@ -152,6 +152,16 @@ class SetupVisits:
         ]
         return float(np.linalg.norm(ways))
 
+    def turn(self, positions: Mapping[str, float]) -> float:
+        """How far the rotary axis that has most to turn is from it, rad; 0 after the last."""
+        if self.expected >= self.count:
+            return 0.0
+        target = self._at[self.order[self.expected]]
+        ways = [
+            abs(positions[a] - t) for a, t in zip(self._axes, target, strict=True) if is_rotary(a)
+        ]
+        return float(max(ways, default=0.0))
+
     def target(self, visit: int) -> dict[str, float]:
         """Axis → where it stands at a visit, mm or rad."""
         return dict(zip(self._axes, self._at[self.order[visit]].tolist(), strict=True))

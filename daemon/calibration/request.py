@@ -7,12 +7,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from abbe.compcore.errors import InputError
+from abbe.compcore.figures.places import reaches_by_joints
 from abbe.compcore.files.gauge_file import read_gauge
 from abbe.compcore.machine.machine import Machine
 from abbe.daemon.config import Configuration
 
 _FEED = 3000.0
 """Of a program of which nobody says how fast, mm/min."""
+POINTS = ("laser-tracker", "tracker")
+"""Instruments of points in space, whose files are matched at machines that joints move."""
 IN_FILES = ("laser", "straightness", "angle", "level", "indicator", "rotary-calibrator")
 """The plan's instruments whose files can be matched with targets: lines along one axis."""
 _OWN = {"L-POS", "R-POS"}
@@ -121,7 +124,17 @@ class CalibrationRequest:
         for name, section in self.configuration.file.instrument.items():
             if section.linked != self.by_file:
                 names |= dict.fromkeys(section.measures or (name,))
-        return ",".join(n for n in names if n in IN_FILES or not self.by_file)
+        return ",".join(n for n in names if n in self._in_files or not self.by_file)
+
+    @property
+    def _in_files(self) -> tuple[str, ...]:
+        """Instruments whose files are matched: at an arm also those of a tracker."""
+        return IN_FILES + (POINTS if reaches_by_joints(self.configuration.model.machine) else ())
+
+    @property
+    def along_axes(self) -> bool:
+        """Whether only set-ups are planned in which one axis moves, as files of lines have them."""
+        return self.by_file and not set(self.instruments.split(",")) & set(POINTS)
 
     @property
     def by_file(self) -> bool:
@@ -238,7 +251,8 @@ def require_measured_with(configuration: Configuration) -> None:
     instruments = configuration.file.instrument
     if instruments and not any(section.linked for section in instruments.values()):
         named = {n for name, s in instruments.items() for n in s.measures or (name,)}
-        if not named & set(IN_FILES):
+        by_joints = reaches_by_joints(configuration.model.machine)
+        if not named & {*IN_FILES, *(POINTS if by_joints else ())}:
             raise InputError(
                 "their files cannot be matched with targets along one axis",
                 file=configuration.path,

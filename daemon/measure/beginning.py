@@ -177,7 +177,7 @@ def _instruments(
         if section.linked:
             link, channel = split(section.sources[0])
             unit = links[link].info(channel).unit
-        instrument = Instrument(name, section, unit)
+        instrument = Instrument(name, section, unit, configuration.model.machine)
         made |= dict.fromkeys(section.measures or (name,), instrument)
     found = {}
     for setup in setups:

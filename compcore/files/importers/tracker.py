@@ -45,7 +45,7 @@ _ROUNDS = 50
 _STILL = 1e-9
 """mm by which the reflector moves in the last round."""
 _FEWEST = 4
-_FITS = 0.05
+FITS = 0.05
 """Part of the points' spread beyond which they are not points of this machine."""
 
 
@@ -144,12 +144,12 @@ def import_points(
         )  # fmt: skip
     spread = float(np.sqrt(np.mean(np.ptp(seen, axis=0) ** 2)))
     pose = stand(chain, seen, np.array(placing.tool), free=free)
-    if free and pose.rms > _FITS * spread:
+    if free and pose.rms > FITS * spread:
         # a reflector far from where it was looked for: look on the joints' lines too
         begun = [machine.axis(a).location for a in machine.structure.axes if is_rotary(a)]
         poses = [stand(chain, seen, np.asarray(p) + placing.tool, free=True) for p in begun]
         pose = min([pose, *poses], key=lambda found: found.rms)
-    if pose.rms > _FITS * spread:
+    if pose.rms > FITS * spread:
         raise InputError(
             "the points are none of this machine, as the model describes it",
             file=source,

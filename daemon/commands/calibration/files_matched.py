@@ -1,12 +1,13 @@
-"""Files of an instrument that cannot be linked, put in place by a person, matched by target."""
+"""Files of instruments that cannot be linked, put in place by a person, matched by target."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.importers.lines.matched import moving, write_all_matched
+from abbe.compcore.files.importers.points_matched import reads_points, write_points
 from abbe.compcore.files.model_file import load_model
 from abbe.compcore.files.plan_file import read_plan
 from abbe.compcore.files.text.atomic import write_atomically
@@ -38,7 +39,12 @@ def placed_in(folder: Path) -> tuple[Path, ...]:
 
 
 def match_readings(
-    visits: Path, folder: Path, out: Path, say: Callable[[str], None], ask: AskPerson | None
+    visits: Path,
+    model: Path,
+    folder: Path,
+    out: Path,
+    say: Callable[[str], None],
+    ask: AskPerson | None,
 ) -> None:
     """Write the campaign of all set-ups that were followed, each with the file called like it.
 
@@ -46,6 +52,8 @@ def match_readings(
     ----------
     visits
         Where the machine stood.
+    model
+        The machine, of which a tracker's points are.
     folder
         Where the person puts the instrument's files; made where it is not there.
     out
@@ -62,8 +70,19 @@ def match_readings(
     """
     every = VisitedTargets.read_all(visits)
     folder.mkdir(exist_ok=True)
-    files = _all_there([one.setup for one in every], folder, ask)
+    points = [reads_points(one) for one in every]
+    if any(points) and not all(points):
+        raise AbbeError(
+            said("points of a tracker and lines along axes in one measurement are not matched yet")
+        )
+    files = _all_there([one.setup for one in every], folder, ask, points=all(points))
     matched, notes = [], dict[str, None]()
+    if all(points):
+        machine = load_model(model).machine
+        placed = [(files[one.setup], one) for one in every]
+        count, found = write_points(placed, machine, out)
+        _said(found, count, len(placed), out, say)
+        return
     for one in every:
         file = files[one.setup]
         axis, component = moving(one), _component(one)
@@ -74,18 +93,26 @@ def match_readings(
         matched.append((readings, one))
         notes |= dict.fromkeys(str(readings.metadata[0]["notes"]).split("; "))
     count = write_all_matched(matched, out, "; ".join(notes))
+    _said(notes, count, len(matched), out, say)
+
+
+def _said(
+    notes: Iterable[str], count: int, files: int, out: Path, say: Callable[[str], None]
+) -> None:
     for note in notes:
         say(note)
     say(
         said(
             "{count} of {files} matched with their targets: {out}",
             count=counted(count, "1 reading", "{n} readings"),
-            files=counted(len(matched), "1 file", "{n} files"), out=out,
+            files=counted(files, "1 file", "{n} files"), out=out,
         )
     )  # fmt: skip
 
 
-def _all_there(setups: list[str], folder: Path, ask: AskPerson | None) -> dict[str, Path]:
+def _all_there(
+    setups: list[str], folder: Path, ask: AskPerson | None, *, points: bool
+) -> dict[str, Path]:
     """Set-up → its file; who is asked is asked until all are there, or no more."""
     while True:
         found: dict[str, Path] = {}
@@ -101,12 +128,19 @@ def _all_there(setups: list[str], folder: Path, ask: AskPerson | None) -> dict[s
         lacking = [name for name in setups if name not in found]
         if not lacking:
             return found
-        named = ", ".join(f"{folder / name}.rtl" for name in lacking)
-        words = said(
-            "the instrument's files are not there: put them as {files} (or .csv: position, run, "
-            "direction, deviation)",
-            files=named,
-        )
+        named = ", ".join(f"{folder / name}.{'csv' if points else 'rtl'}" for name in lacking)
+        if points:
+            words = said(
+                "the instrument's files are not there: put them as {files} (columns x, y, z, or "
+                "distance, mm: one line for each pose, in their order)",
+                files=named,
+            )
+        else:
+            words = said(
+                "the instrument's files are not there: put them as {files} (or .csv: position, "
+                "run, direction, deviation)",
+                files=named,
+            )
         if ask is None or not ask(said("{what}. Are they there now?", what=words)):
             raise AbbeError(said("{what}; then the same command goes on here", what=words))
 

@@ -90,7 +90,8 @@ def _measured(
             model, instruments=request.instruments, time=request.time, out=plan_file,
             tool=list(request.tools), plate=request.plate,
             gauge=request.gauge if request.touches != "ball-plate" else None,
-            along_axes=request.by_file, table_radius=request.radii[0], tool_radius=request.radii[1],
+            along_axes=request.along_axes,
+            table_radius=request.radii[0], tool_radius=request.radii[1],
         )  # fmt: skip
         if request.by_file:
             write_targets(plan_file, model, file(TARGETS))
@@ -151,7 +152,8 @@ def _readings(
     visits, folder, out = paths
 
     def matched() -> None:
-        match_readings(visits, folder, out, say, None if request.yes else ask)
+        model = request.file(MODEL)
+        match_readings(visits, model, folder, out, say, None if request.yes else ask)
 
     title = "the files of its instrument matched"
     return CalibrationStep(name, title, (visits, *placed_in(folder)), (out,), matched)
@@ -231,7 +233,7 @@ def _verified(
             verify(
                 calibrated, out=plan_file, fitted=[campaign], time=request.check_time, runs=2,
                 tool=list(request.tools), instruments=request.checked_by, gauge=request.gauge,
-                plate=request.plate, along_axes=request.by_file,
+                plate=request.plate, along_axes=request.along_axes,
                 table_radius=request.radii[0], tool_radius=request.radii[1],
             )  # fmt: skip
         except InputError as error:

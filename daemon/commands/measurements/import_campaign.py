@@ -12,7 +12,10 @@ from abbe.daemon.arguments.measurements.foreign_layout import ForeignLayout
 from abbe.daemon.arguments.options import Force
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from abbe.compcore.campaign.campaign import Campaign
+    from abbe.compcore.machine.machine import Machine
 
 
 def register(app: typer.Typer) -> None:
@@ -110,8 +113,8 @@ def import_campaign(
     visits: Annotated[
         Path | None,
         typer.Option(
-            help='iso230-2, rtl: targets that abbe measure followed (reads = "file"), with which '
-            "the file's readings are matched; --setup says which of its set-ups."
+            help='iso230-2, rtl, points: targets that abbe measure followed (reads = "file"), with '
+            "which the file's readings are matched; --setup says which of its set-ups."
         ),
     ] = None,
     force: Force = False,
@@ -149,6 +152,9 @@ def import_campaign(
         measured=measured or [],
         zero=zero,
     )
+    if visits is not None and layout is ForeignLayout.POINTS:
+        _points(file, visits, setup, machine, output, unit, say)
+        return
     campaign = read_foreign(layout, file, placing, None if visits else machine, options)
     if visits is not None:
         from abbe.compcore.files.importers.lines.matched import write_matched
@@ -167,6 +173,34 @@ def import_campaign(
         say(note)
     words = counted(campaign.n, "1 row", "{n} rows")
     say(f"{words} in {_setups(campaign)} → {output}")
+
+
+def _points(
+    file: Path,
+    visits: Path,
+    setup: str,
+    machine: Machine | None,
+    output: Path,
+    unit: str | None,
+    say: Callable[[str], None],
+) -> None:
+    """A tracker's points, matched with the poses that `abbe measure` followed."""
+    from abbe.compcore.files.importers.points_matched import reads_points, write_points
+    from abbe.compcore.files.visited_targets import VisitedTargets
+    from abbe.compcore.sentences import counted
+
+    if machine is None:
+        raise typer.BadParameter("needed for this kind of file", param_hint="--model")
+    followed = VisitedTargets.read(visits, setup)
+    if not reads_points(followed):
+        raise typer.BadParameter(
+            f"no set-up that a tracker reads: {followed.setup}", param_hint="--setup"
+        )
+    count, notes = write_points([(file, followed)], machine, output, unit or "mm")
+    for note in notes:
+        say(note)
+    words = counted(count, "1 reading", "{n} readings")
+    say(f"{words} of {file} matched with set-up {followed.setup} → {output}")
 
 
 def _setups(campaign: Campaign) -> str:

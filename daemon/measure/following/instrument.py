@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 
 from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.errors import InputError
-from abbe.compcore.machine.machine import nominal_direction
+from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
-from abbe.compcore.planning.planned_setup import PlannedSetup
+from abbe.compcore.planning.planned_setup import PlannedSetup, nominal_tip, tip_at
 from abbe.daemon.config.channels import split
 from abbe.daemon.config.instruments import ANGLES, LENGTHS
 from abbe.daemon.config.sections.measure import InstrumentSection
@@ -38,6 +38,8 @@ class Instrument:
         Its section.
     unit
         Of its channels; empty where it has none.
+    machine
+        Whose functional point it follows; None: one that X, Y and Z alone lead.
 
     Attributes
     ----------
@@ -58,8 +60,11 @@ class Instrument:
         How often it may have been switched off meanwhile: link lost, or silent for long.
     """
 
-    def __init__(self, name: str, section: InstrumentSection, unit: str) -> None:
+    def __init__(
+        self, name: str, section: InstrumentSection, unit: str, machine: Machine | None = None
+    ) -> None:
         self.name = name
+        self._machine = machine
         self.section = section
         self.unit = unit
         self.angle = unit in ANGLES
@@ -214,19 +219,16 @@ class Instrument:
         if self.section.reads in ("error", "file"):
             return (0.0,) * len(self._sources)
         if setup.kind == Kind.DISTANCE:
-            return (nominal_distance(setup, positions),) * len(self._sources)
+            return (self.nominal_distance(setup, positions),) * len(self._sources)
         u = setup.u[0] / np.linalg.norm(setup.u[0], axis=1)[:, None]
-        return tuple(float(w) for w in u @ _point(setup, positions))
+        return tuple(float(w) for w in u @ self._point(setup, positions))
 
+    def nominal_distance(self, setup: PlannedSetup, positions: Mapping[str, float]) -> float:
+        """From a set-up's base point to where positions put the functional point, mm."""
+        return float(np.linalg.norm(self._point(setup, positions) - np.asarray(setup.base)))
 
-def nominal_distance(setup: PlannedSetup, positions: Mapping[str, float]) -> float:
-    """From a set-up's base point to where positions put the functional point, mm."""
-    return float(np.linalg.norm(_point(setup, positions) - np.asarray(setup.base)))
-
-
-def _point(setup: PlannedSetup, positions: Mapping[str, float]) -> F64:
-    here = np.array(setup.offset, dtype=np.float64)
-    for axis, q in positions.items():
-        if not is_rotary(axis):
-            here = here + q * np.asarray(nominal_direction(axis))
-    return here
+    def _point(self, setup: PlannedSetup, positions: Mapping[str, float]) -> F64:
+        at = {a: np.array([q]) for a, q in positions.items()}
+        if self._machine is None:
+            return np.asarray(nominal_tip(at, setup.offset)[0])
+        return np.asarray(tip_at(self._machine, at, setup.offset)[0])

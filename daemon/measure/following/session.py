@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import math
 import time
 
 from abbe.daemon.measure.compensation import RunsBeside
@@ -290,5 +291,7 @@ class Measurement:
                             visit=outcome.visit + 1)  # fmt: skip
         elif isinstance(outcome, StandsElsewhere):
             away = visits.distance(seen.positions)
-            self._news.event("next", f"stands {away:.3f} mm from the next target, "
+            turn = math.degrees(visits.turn(seen.positions))
+            more = f" and {turn:.3f}°" if turn else ""
+            self._news.event("next", f"stands {away:.3f} mm{more} from the next target, "
                         + self._news.next_words())  # fmt: skip

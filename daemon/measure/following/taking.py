@@ -10,7 +10,7 @@ from abbe.daemon.measure.course import MeasureCourse
 from abbe.daemon.measure.events import place_words, target_words
 from abbe.daemon.measure.following.arrival_feed import ArrivalFeed
 from abbe.daemon.measure.following.average import SteadyReading
-from abbe.daemon.measure.following.instrument import Instrument, nominal_distance
+from abbe.daemon.measure.following.instrument import Instrument
 from abbe.daemon.measure.following.nudge import NudgeCheck
 from abbe.daemon.measure.following.target_watch import TargetRead
 from abbe.daemon.measure.following.zero import InstrumentZero
@@ -148,7 +148,7 @@ class TargetTaking:
             values = [math.nan] * setup.u.shape[1]
             sds = [stated] * len(values)
         if setup.kind == Kind.DISTANCE:
-            values = [v + nominal_distance(setup, place) for v in values]
+            values = [v + instrument.nominal_distance(setup, place) for v in values]
         repeated = course.here.taken(visit)
         self._last = None if repeated else visit
         for i in course.here.take(visit):

@@ -28,6 +28,8 @@ _WITHIN, _WITHIN_TURN = 0.5, 0.1
 """mm and degrees by which a machine may stand off a target of the file."""
 _ALONG = 1e-6
 """By which two directions may differ."""
+Row = dict[str, str | float | None]
+"""A row of a campaign: column → cell."""
 _Place = tuple[int, float]
 
 
@@ -56,23 +58,30 @@ def write_all_matched(
 
     All were followed in one measurement; parameters and errors as of `write_matched`.
     """
+    return write_rows([(visits, _with_values(one, visits)) for one, visits in matched], out, notes)
+
+
+def write_rows(
+    matched: Sequence[tuple[VisitedTargets, Sequence[Row]]], out: Path, notes: str
+) -> int:
+    """Write the rows of several set-ups that were followed in one measurement; how many."""
     numbered = [
         (line, row)
-        for readings, visits in matched
-        for line, row in zip(visits.lines, _with_values(readings, visits), strict=True)
+        for visits, valued in matched
+        for line, row in zip(visits.lines, valued, strict=True)
     ]
     rows = [row for _, row in sorted(numbered, key=lambda found: found[0])]
-    first = matched[0][1]
+    first = matched[0][0]
     begun = {k: v for k, v in first.head[BEGUN].items() if k != READINGS}
     head = {**first.head, BEGUN: begun, "notes": notes}
     stated = first.head.get("setups", {})
-    head["setups"] = {visits.setup: stated.get(visits.setup, {}) for _, visits in matched}
+    head["setups"] = {visits.setup: stated.get(visits.setup, {}) for visits, _ in matched}
     lines = [",".join(as_cell(row[name]) for name in first.columns) + "\n" for row in rows]
     write_atomically(out, top_of(head, first.columns) + "".join(lines))
     return len(rows)
 
 
-def _with_values(readings: Campaign, visits: VisitedTargets) -> list[dict[str, str | float | None]]:
+def _with_values(readings: Campaign, visits: VisitedTargets) -> list[Row]:
     """The rows of a set-up, each with its reading."""
     axis = moving(visits)
     if len(set(visits.columns)) != len(visits.columns) or axis not in readings.conditions.positions:
