@@ -124,7 +124,7 @@ class CalibrationRequest:
         for name, section in self.configuration.file.instrument.items():
             if section.linked != self.by_file:
                 names |= dict.fromkeys(section.measures or (name,))
-        return ",".join(n for n in names if n in self._in_files or not self.by_file)
+        return ",".join(n for n in names if not self.by_file or n in self._in_files)
 
     @property
     def _in_files(self) -> tuple[str, ...]:
