@@ -129,7 +129,8 @@ class CalibrationRequest:
     @property
     def _in_files(self) -> tuple[str, ...]:
         """Instruments whose files are matched: at an arm also those of a tracker."""
-        if not set(POINTS) & set(self.configuration.file.instrument):
+        sections = self.configuration.file.instrument.items()
+        if not set(POINTS) & {n for name, s in sections for n in s.measures or (name,)}:
             return IN_FILES
         return IN_FILES + (POINTS if reaches_by_joints(self.configuration.model.machine) else ())
 
