@@ -3,7 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
 
 from abbe.compcore.sentences import said
 
@@ -24,11 +27,14 @@ class Caution:
         Spec of each effect → part of what was expected of it that the campaign tells, 0 … 1.
     rank
         How many combinations the campaign determines by itself.
+    spread
+        By how much each row's set-up scatters more than is stated of it, (n,).
     """
 
     expected: dict[str, float]
     shown: dict[str, float]
     rank: int
+    spread: NDArray[np.float64] = field(repr=False, compare=False)
 
     @property
     def hardly(self) -> tuple[str, ...]:

@@ -245,5 +245,5 @@ def _result(
         nuisances=held.nuisances(theta, raw),
         dof=dof,
         chi2=chi2,
-        caution=Caution(found, parts, result.decomposition.rank),
+        caution=Caution(found, parts, result.decomposition.rank, spread),
     )

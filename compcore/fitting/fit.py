@@ -77,6 +77,14 @@ class FitResult(Solution, Shown):
         """How many combinations of the unknowns the campaign determines by itself."""
         return super().determined if self.caution is None else self.caution.rank
 
+    @property
+    def as_weighed(self) -> FitResult:
+        """The same in the weights that led to its values: of cautious ones set-up by set-up."""
+        if self.caution is None:
+            return self
+        problem = self.problem.with_sd(self.problem.sd * self.caution.spread)
+        return replace(self, problem=problem, weighted=self.weighted / self.caution.spread)
+
     @cached_property
     def noise(self) -> NoiseFloor:
         """The noise floor of the campaign from its repeated measurements."""

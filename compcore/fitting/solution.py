@@ -199,11 +199,17 @@ class Solution:
 
     @cached_property
     def basis(self) -> F64:
-        """Orthonormal basis of the weighted Jacobian, nuisances projected out, (n, rank)."""
+        """Orthonormal basis of the weighted Jacobian, nuisances projected out, (n, rank).
+
+        Where something is expected of the unknowns, the basis's part in the rows: its square is the
+        hat matrix all the same.
+        """
         columns = self.eliminator.project(self.problem.columns(self.theta))
         d = self.decomposition
         with threads_for(columns.size):
             mixed = columns @ (d.scale[:, None] * d.determined / d.singular[: d.rank])
+            if self.problem.expected is not None:
+                return np.asarray(mixed)  # the rows' part of what is orthonormal with what is known
             return np.asarray(np.linalg.qr(mixed)[0])
 
     def residualise(self, columns: F64) -> F64:

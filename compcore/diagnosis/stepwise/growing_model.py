@@ -67,8 +67,10 @@ class GrowingModel:
         After how many steps a regression on all thermometers was last asked; −1: never.
     together
         The sets of effects that `add_once_together` asked.
-    bodies, as_bodies
-        Whether all error motions of the axes may be added at once, and whether they were.
+    bodies, of_bodies
+        Whether all error motions of the axes may be added at once, and those that were.
+    instruments
+        How many effects of instruments there were when the scales' expansions were last asked.
     spoiling
         What fitted blocks asked for and the held-out campaign refused, by its specs.
     """
@@ -84,7 +86,8 @@ class GrowingModel:
         bodies: bool = True,
     ) -> None:
         self.campaign = campaign
-        self.bodies, self.as_bodies = bodies, False
+        self.bodies, self.instruments = bodies, 0
+        self.of_bodies: Sequence[Effect] = ()
         self._unseen = unseen
         self.spoiling: dict[tuple[str, ...], tuple[Effect, ...]] = {}
         self._on_step, self.progress = on_step, progress
@@ -226,12 +229,16 @@ class GrowingModel:
         """Take out what was added and is superfluous by now.
 
         A formula names no cause: beside one none goes for saying the same. What was described
-        stays: the blocks that it was judged by are others.
+        stays: the blocks that it was judged by are others. So do the error motions that were added
+        all at once: every axis has them.
         """
         if described(self.added):
             return False
         out: list[Effect] = []
+        bodies = {identity(e) for e in self.of_bodies}
         for effect in [e for e in self.added if e not in self.described]:
+            if identity(effect) in bodies:
+                continue
             self.progress(f"without {effect.kind}")
             less = self._plainer(effect)
             if self._try("removed", effect, less, NO_WORSE):

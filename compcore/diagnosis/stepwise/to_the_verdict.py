@@ -114,7 +114,7 @@ def to_the_verdict(
     def followed(held_out: UnseenCampaign | None = None) -> Course:
         growing = GrowingModel(model, campaign, on_step, progress, held_out)
         course = _followed(growing)
-        if not growing.as_bodies or _is_noise(course.last.result):
+        if not growing.of_bodies or _is_noise(course.last.result):
             return course
         progress("another way: one cause after another")
         other = GrowingModel(model, campaign, lambda _: None, progress, held_out, bodies=False)

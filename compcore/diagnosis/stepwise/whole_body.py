@@ -13,7 +13,7 @@ from abbe.compcore.diagnosis.stepwise.growing_model import FALLS, GrowingModel
 from abbe.compcore.diagnosis.stepwise.step import leaves_noise
 from abbe.compcore.diagnosis.uncatalogued.chosen import grown, of_positions_alone
 from abbe.compcore.diagnosis.verdict import Diagnosis
-from abbe.compcore.effects import ScaleExpansion
+from abbe.compcore.effects import Positioning, Scale, ScaleExpansion
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.fit import FitResult, fit
@@ -30,10 +30,11 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
 
     Taken one by one, a motion is imitated by what few rows tell from it: the sag of a ram, a turn
     that grows along another axis, the scale of a set-up; and what needs several others, as the
-    expansion of a scale does, foretells nothing before they are there. All of them at once are
-    fitted; then those go, the least worth first, without which left-out blocks are foretold as
-    well. A formula of the positions alone that was described before stood for them: where they
-    foretell left-out blocks as well without it, it goes.
+    expansion of a scale does, foretells nothing before they are there. All of them are added that a
+    machine can have, whatever each is worth: what one of them would have said goes else into the
+    others, or into rarer causes, and another start would lead elsewhere. Of what is not measured
+    the end is held near 0 (`held_near_zero`). A formula of the positions alone that was described
+    before stood for them: where they foretell left-out blocks as well without it, it goes.
 
     Parameters
     ----------
@@ -49,13 +50,22 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     machine = growing.last.result.model.machine
     wanted = [e.found.candidate.effect for e in diagnosis.established]
     axes = {a for e in wanted if of_a_body(e, machine) for a in _axes_of(e)}
-    if not growing.bodies or len(axes) < _AXES:
+    if not growing.bodies:
+        return False
+    if growing.of_bodies and _scales_expand(growing, diagnosis):
+        return True
+    if len(axes) < _AXES:
         return False
     known = {motion(e) for e in growing.last.result.model.effects}
     missing: dict[object, Effect] = {}
     for effect in (f.candidate.effect for f in diagnosis.ranked):
         if of_a_body(effect, machine) and motion(effect) not in known:
             missing.setdefault(motion(effect), effect)
+    there = (*growing.last.result.model.effects, *missing.values())
+    moved = {e.axis for e in there if isinstance(e, Positioning)}
+    missing = {
+        key: e for key, e in missing.items() if not (isinstance(e, Scale) and e.axis in moved)
+    }
     stood = [e for e in growing.described if e.kind == "formula" and of_positions_alone(e, machine)]
     if stood and in_place_of(growing, stood, list(missing.values())):
         return True
@@ -63,16 +73,39 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     if len(body) < _FEWEST or not growing.once(body):
         return False
     growing.progress("all error motions of the linear axes")
-    if growing.better(grown(growing.last.result.model, body)[-1][0], body, 1.0 - WORTH) is None:
-        return False
-    kept = worth_it(growing, growing.last.result.model, body)
-    more = grown(growing.last.result.model, kept)
+    more = grown(growing.last.result.model, body)
     found = growing.better(more[-1][0], [one for _, one in more], 1.0 - WORTH)
     if found is None:
         return False
-    growing.as_bodies = True
+    growing.of_bodies = [one for _, one in more]
+    growing.instruments = _of_instruments(growing.last.result.model)
     growing.make_together("added with the others", "added with the others", more, *found)
     return True
+
+
+def _scales_expand(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
+    """Add the scales' expansions, asked again beside what instruments do.
+
+    A gauge that was taken for one of steel hides what the scales do, and where they cannot be said
+    something else is: an expansion of the workpiece by a scale's thermometer.
+    """
+    model = growing.last.result.model
+    count = _of_instruments(model)
+    if count == growing.instruments:
+        return False
+    growing.instruments = count
+    known = {motion(e) for e in model.effects}
+    missing: dict[object, Effect] = {}
+    for effect in (f.candidate.effect for f in diagnosis.ranked):
+        own = isinstance(effect, ScaleExpansion) and of_a_body(effect, model.machine)
+        if own and motion(effect) not in known:
+            missing.setdefault(motion(effect), effect)
+    body = _sound(growing, model, list(missing.values()))
+    return bool(body) and growing.add_once_together(body, 1.0 - WORTH)
+
+
+def _of_instruments(model: Model) -> int:
+    return sum(e.scope == "instrument" for e in model.effects)
 
 
 def in_place_of(
@@ -96,8 +129,8 @@ def in_place_of(
     if not _as_good(growing, grown(base, kept)[-1][0], kept):
         return False
     growing.once(body)
-    growing.as_bodies = True
     more = grown(growing.last.result.model, kept)
+    growing.of_bodies = [one for _, one in more]
     beside = fit(more[-1][0], growing.campaign, near=True)
     growing.make_together(
         "added with the others", "added with the others", more, beside, LeftOutErrors.of(beside)

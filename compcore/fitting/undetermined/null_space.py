@@ -97,6 +97,25 @@ def split_null_space(
     return NullSpace(convention, np.hstack(unknown))
 
 
+def unsure(fields: ParameterFields, theta: F64, covariance: F64) -> float:
+    """Standard uncertainty of the error over the volume, mm, root mean square.
+
+    Without displacements of the workpiece and of the tool in its holder, which are convention.
+
+    Parameters
+    ----------
+    fields, theta
+        What the parameters do to the error, and the solution.
+    covariance
+        Of the model's parameters, (model_size, model_size).
+    """
+    field, frame = _displacements(fields, theta)
+    left, size, _ = svd(frame)
+    left = left[:, size > 1e-12 * size[0]]
+    field = field - left @ (left.T @ field)
+    return float(np.sqrt(max(0.0, np.sum((field @ covariance) * field)) / _POINTS))
+
+
 def _displacements(fields: ParameterFields, theta: F64) -> tuple[F64, F64]:
     """Displacements over the volume by each parameter, and by moves of workpiece and tool."""
     machine = fields.model.machine

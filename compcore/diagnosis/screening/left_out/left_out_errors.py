@@ -57,7 +57,7 @@ class LeftOutErrors:
         rows
             The blocks, where they are known.
         """
-        thin = result.thin
+        thin = result.as_weighed.thin
         campaign = thin.problem.campaign
         effects = thin.model.effects if judged is None else judged
         conditions = campaign.conditions
