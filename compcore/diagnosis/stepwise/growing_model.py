@@ -24,6 +24,7 @@ from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.cancelling import cancelling
+from abbe.compcore.fitting.cautious import cautiously
 from abbe.compcore.fitting.design.begun import begun
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.model import Model
@@ -294,11 +295,12 @@ class GrowingModel:
         return any(e in changed or comes(self.last.result, e) for e in late)
 
     def better(
-        self, model: Model, changed: Sequence[Effect], falls: float
+        self, model: Model, changed: Sequence[Effect], falls: float, *, cautious: bool = False
     ) -> tuple[FitResult, LeftOutErrors] | None:
         """A model's fit, and how it predicts, if left-out χ² falls to a part; else None.
 
-        None as well where the held-out campaign is predicted worse.
+        None as well where the held-out campaign is predicted worse. With `cautious`, left-out
+        blocks are predicted by values that are held near 0 where the others do not show them.
         """
         try:
             result = fit(model, self.campaign, near=True)
@@ -307,7 +309,8 @@ class GrowingModel:
         bound = all(e.scope == "instrument" for e in changed)
         if any(e in model.effects and by_another_thermometer(model, e) for e in changed):
             falls = min(falls, BY_ANOTHER_BODY)
-        before, after = LeftOutErrors.beside(self.last.result, result, changed)
+        judged = cautiously(result) if cautious else result
+        before, after = LeftOutErrors.beside(self.last.result, judged, changed)
         why = NO_BETTER
         if before.falls_to(after, result, bound=bound) <= falls:
             why = self._unsound(result, changed)

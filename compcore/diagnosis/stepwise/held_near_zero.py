@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
+from abbe.compcore.diagnosis.stepwise.best_on_the_way import foretells_better
 from abbe.compcore.diagnosis.stepwise.step import Step
 from abbe.compcore.diagnosis.stepwise.unseen import UnseenCampaign
 from abbe.compcore.fitting.cautious import cautiously
@@ -51,7 +52,11 @@ def held_near_zero(last: Step, unseen: UnseenCampaign | None) -> Step | None:
         return None
     if unseen is not None and unseen.spoilt(result.model, held.model):
         return None
-    return Step("held near 0", None, held, LeftOutErrors.of(held))
+    out = LeftOutErrors.of(held, rows=last.held_out.left.folds)
+    theirs = last.held_out.left.with_what_it_foretells(out.left)
+    if foretells_better(last.held_out.left.residual, theirs, result):
+        return None
+    return Step("held near 0", None, held, out)
 
 
 def _over_the_volume(result: FitResult) -> float:

@@ -28,7 +28,8 @@ class Step:
         signal), ``began elsewhere`` (than in equilibrium with its signal), ``described`` (by what
         explains nothing), ``removed``, ``set aside`` (readings that stand alone), ``composed``
         (errors in full, no longer by the lever rule), ``held near 0`` (cautious values, as curves
-        ran away where nobody measured), ``kept from before`` (what this campaign does not show, as
+        ran away where nobody measured), ``went back`` (to the step that predicts left-out blocks
+        best), ``kept from before`` (what this campaign does not show, as
         the earlier ones of the given model showed it).
     effect
         The effect that was added, changed or taken out; None for the beginning and for readings.

@@ -3,15 +3,13 @@
 Every step is one effect more, fitted together with all others, and is kept only if blocks of the
 campaign that are left out of the fit (set-ups, stretches of time, places) are predicted better with
 it. At the end each effect that was added is tried without: what later ones made superfluous goes.
+An end that foretells worse than a step on the way is left for that step.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Sequence
 from dataclasses import replace
-
-import numpy as np
 
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.switched_units import switched_thermometers
@@ -19,7 +17,7 @@ from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.mistaken import mistakes
 from abbe.compcore.diagnosis.screening.body_motions import of_a_body
 from abbe.compcore.diagnosis.screening.candidates import ALONG_AN_AXIS, RIGID
-from abbe.compcore.diagnosis.screening.left_out.blocks import Blocks
+from abbe.compcore.diagnosis.stepwise.best_on_the_way import best_on_the_way, foretells_better
 from abbe.compcore.diagnosis.stepwise.describing import describe
 from abbe.compcore.diagnosis.stepwise.growing_model import NO_BETTER, GrowingModel, Progress
 from abbe.compcore.diagnosis.stepwise.held_near_zero import held_near_zero
@@ -37,7 +35,7 @@ from abbe.compcore.diagnosis.stepwise.warmth import (
 from abbe.compcore.diagnosis.stepwise.whole_body import whole_body
 from abbe.compcore.diagnosis.stepwise.whole_chain import whole_chain, whole_weight
 from abbe.compcore.diagnosis.stepwise.within_noise import take_out_noise
-from abbe.compcore.diagnosis.verdict import Diagnosis
+from abbe.compcore.diagnosis.verdict import Diagnosis, lacking
 from abbe.compcore.distributions import chi2_limit
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.gravity import GravityFlexure
@@ -52,9 +50,6 @@ MOST_STEPS = 60
 
 _CHANCE = 1e-4
 """Chance of so large a χ² from which on what is left is not all noise."""
-
-_FEWEST_BLOCKS = 3
-"""From which on their scatter says how sure a gain is."""
 
 _COLUMNS = 100
 """Parameters that the models on the way have, about: for the choice of threads."""
@@ -127,6 +122,12 @@ def to_the_verdict(
         return found
 
     def ended(course: Course) -> Course:
+        if (best := best_on_the_way(course.steps)) is not None:
+            progress("back to the step that foretells best")
+            back = replace(best, action="went back", effect=None)
+            on_step(back)
+            found = replace(lacking(back.result), strays=course.diagnosis.strays)
+            course = replace(course, steps=(*course.steps, back), diagnosis=found)
         for more in accused_steps(model, course.steps[0], course.last):
             on_step(more)
             course = replace(course, steps=(*course.steps, more))
@@ -156,27 +157,17 @@ def _is_noise(result: FitResult) -> bool:
 
 
 def _foretells_better(one: Step, other: Step) -> bool:
-    """Whether one end predicts left-out blocks better by what is worth a cause, and surely.
+    """Whether one end predicts left-out blocks surely better.
 
-    Surely: the mean gain over the blocks is larger than the standard error of that mean. Not by
-    causes that the other one does not need: they may be what imitates the motions of the axes.
+    Not by causes that the other one does not need: they may be what imitates the motions of the
+    axes.
     """
     thin = other.result.thin
     machine, there = thin.model.machine, set(thin.model.effects)
     more = [e for e in one.result.model.effects if e not in there and e.kind != "formula"]
     if not all(of_a_body(e, machine) for e in more):
         return False
-    mine, theirs = (s.held_out.left.residual for s in (one, other))
-    if mine.shape != theirs.shape:
-        return False
-    gain = (theirs**2 - mine**2) * thin.problem.weight**2
-    if not float(gain.sum()) > WORTH * float(((theirs * thin.problem.weight) ** 2).sum()):
-        return False
-    blocks = Blocks.of(thin.problem.campaign.conditions, thin.model.machine).usual
-    each = np.array([float(gain[rows].sum()) for rows in blocks])
-    if len(each) < _FEWEST_BLOCKS:
-        return False
-    return float(each.sum()) > math.sqrt(len(each)) * float(each.std(ddof=1))
+    return foretells_better(one.held_out.left.residual, other.held_out.left.residual, other.result)
 
 
 def _followed(growing: GrowingModel) -> Course:

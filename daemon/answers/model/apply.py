@@ -36,7 +36,8 @@ _SAID = {
     "described": "described, not explained: {0}",
     "removed": "taken out again, as the others say it too: {0}",
     "composed": 'angles are too large to add up: composition = "exact" from here on',
-    "held near 0": "curves ran away where nobody measured; what is hardly shown is held near 0",
+    "held near 0": "not all of it was measured; what is hardly shown is held near 0",
+    "went back": "the end foretells left-out blocks worse than a step on the way: back to that one",
     "kept from before": "what this campaign does not show stays as earlier ones showed it",
     "set aside": "left out, as nothing measured beside agrees: {0}",
 }
