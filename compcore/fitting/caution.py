@@ -46,3 +46,4 @@ class Caution:
         yield said("cautious: what the campaign shows little of is held near 0")
         if self.hardly:
             yield said("hardly shown, and left near 0: {effects}", effects="; ".join(self.hardly))
+        yield said("what is not determined is as unsure as this machine's errors are large")

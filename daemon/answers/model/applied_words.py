@@ -51,6 +51,8 @@ def as_text(course: Course, model: Model) -> Iterator[str]:
         conditions = course.last.result.problem.campaign.conditions
         for words in hidden_waves(term.effect, nonlinear, model.machine, conditions):
             yield f"    {words}"
+    if (caution := course.last.result.caution) is not None:
+        yield from caution.words()
     undetermined = course.last.result.undetermined
     yield from undetermined_lines([one for one in undetermined if not one.convention])
 
