@@ -19,6 +19,7 @@ from abbe.compcore.diagnosis.uncatalogued.chosen import (
 )
 from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects.base import Effect
+from abbe.compcore.fitting.cautious import cautiously
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.revise import without_effect
 
@@ -36,7 +37,7 @@ def describe(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
         less = before.model
         for effect in motions:
             less, _ = without_effect(less, effect.spec)
-        instead = best_instead(before, less, growing.campaign, growing.refused_now)
+        instead = best_instead(cautiously(before), less, growing.campaign, growing.refused_now)
         if instead is not None:
             found = best_beside(before, growing.campaign, diagnosis, growing.refused_now)
             kept = found is not None and as_good_beside(before, found[1], less, instead)
