@@ -114,8 +114,10 @@ def campaign_of(task: SurveyTask, setups: Sequence[PlannedSetup], start: float =
 
 _ELSE = "instruments that reach, room in the travels, more time"
 _AT_ARMS = (
-    "laser-tracker or tracker for poses over all joints; laser, straightness, angle, "
-    "rotary-calibrator along the axes that are there; more time, fewer keep-out boxes"
+    "laser-tracker or tracker for poses over all joints, with --tool NAME=x,y,z where the "
+    "reflector is while all joints stand at 0 (a tool that reaches back through the arm leaves no "
+    "pose); laser, straightness, angle, rotary-calibrator along the axes that are there; more "
+    "time, fewer keep-out boxes"
 )
 
 

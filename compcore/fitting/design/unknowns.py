@@ -107,9 +107,10 @@ class UnknownLayout:
             unknowns += [
                 Unknown(i, p.name, p.unit, plausible_scale(p), extent=p.extent) for p in linear
             ]
-            if effect.nonlinear(model.machine):
+            if nonlinear := effect.nonlinear(model.machine):
                 coverage = campaign.coverage() if coverage is None else coverage
-                for p in effect.search(model.machine, coverage):
+                # where its axis stands nothing can be searched; the model has its value all the same
+                for p in effect.search(model.machine, coverage) or nonlinear:
                     searched[len(unknowns)] = p
                     scale = plausible_scale(p)
                     unknowns.append(Unknown(i, p.name, p.unit, scale, True, p.extent))

@@ -12,7 +12,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.fitting.fit import fit
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure
-from abbe.compcore.model.model import Model
+from abbe.compcore.model.model import Model, Value
 from abbe.compcore.model.start_model import StartOptions, start_model
 from abbe.compcore.planning.choice import Knowledge
 from abbe.compcore.planning.envelope import KeepOut, WorkingSpace
@@ -252,6 +252,17 @@ def test_a_combination_of_many_effects_that_take_part_alike_is_named() -> None:
     found = list(undecided(aim, start, start))
     assert found
     assert all(one.effects and str(one) for one in found)
+
+
+def test_a_wave_whose_axis_stands_is_planned_for_all_the_same() -> None:
+    """Typed: a plan for a table with a found wave ended in KeyError: 'period'."""
+    wave = make_effect("cyclic", {"axis": "C"})
+    known = {name: Value(at) for name, at in (("A1", 1e-5), ("B1", 0.0), ("period", 0.0873))}
+    model = Model(machine("rotary table")).with_effects(wave, make_effect("scale", {"axis": "X"}))
+    aim = SurveyTask(model.with_values([known, {}]))
+    root = added(aim, next(iter(axis_lines(aim, INSTRUMENTS["laser"]))))
+    assert root.shape[1] == len(scales(aim.model)) == 4
+    assert VolumeError.of(aim).weight.shape == (4, 4)
 
 
 def test_an_instrument_that_has_no_place_is_named() -> None:
