@@ -109,7 +109,7 @@ class UnknownLayout:
             ]
             if nonlinear := effect.nonlinear(model.machine):
                 coverage = campaign.coverage() if coverage is None else coverage
-                # where its axis stands nothing can be searched; the model has its value all the same
+                # nothing is searched where its axis stands; the model has its value all the same
                 for p in effect.search(model.machine, coverage) or nonlinear:
                     searched[len(unknowns)] = p
                     scale = plausible_scale(p)
