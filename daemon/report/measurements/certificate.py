@@ -245,11 +245,11 @@ def _placed(page: Page, found: Verification) -> None:
     page.section(said("Other set-ups, before and after"))
     page.text(
         said(
-            "What ball bars, spheres, R-tests, straightness and angles show but for how instrument "
-            "and artefact stand: the range of the readings in one direction, the largest of all "
-            "directions (of a ball bar the radial range about the circle that fits best). U is "
-            "that of two readings. Whether it is as foretold: by all readings, and the model's "
-            "covariance."
+            "What ball bars, spheres, R-tests, trackers, straightness and angles show but for how "
+            "instrument and artefact stand: the range of the readings in one direction, the "
+            "largest of all directions (of a ball bar the radial range about the circle that fits "
+            "best). U is that of two readings. Whether it is as foretold: by all readings, and "
+            "the model's covariance."
         )
     )
     read = (said("Read"), said("Readings"))
