@@ -9,6 +9,7 @@ from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.judging.soundness import sound
 from abbe.compcore.diagnosis.screening.body_motions import motion, of_a_body
 from abbe.compcore.diagnosis.screening.left_out.left_out_errors import LeftOutErrors
+from abbe.compcore.diagnosis.stepwise.best_on_the_way import foretells_better
 from abbe.compcore.diagnosis.stepwise.growing_model import FALLS, GrowingModel
 from abbe.compcore.diagnosis.stepwise.step import leaves_noise
 from abbe.compcore.diagnosis.uncatalogued.chosen import grown, of_positions_alone
@@ -76,14 +77,36 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     more = grown(growing.last.result.model, body)
     added = [one for _, one in more]
     found = growing.better(more[-1][0], added, 1.0 - WORTH)
-    # of lines that were measured once each, least squares foretells none that is left out
-    found = found or growing.better(more[-1][0], added, 1.0 - WORTH, cautious=True)
+    plain = _alone(growing, wanted)
+    if found is None and plain is None:
+        # of lines that were measured once each, least squares foretells none that is left out
+        found = growing.better(more[-1][0], added, 1.0 - WORTH, cautious=True)
+    elif found is not None and plain is not None and _surely_better(plain, found[0], added):
+        return False
     if found is None:
         return False
     growing.of_bodies = added
     growing.instruments = _of_instruments(growing.last.result.model)
     growing.make_together("added with the others", "added with the others", more, *found)
     return True
+
+
+def _alone(growing: GrowingModel, wanted: Sequence[Effect]) -> FitResult | None:
+    """The fit with the established causes alone, where it predicts left-out blocks better."""
+    more = grown(growing.last.result.model, wanted)
+    found = growing.better(more[-1][0], [one for _, one in more], 1.0 - WORTH) if more else None
+    return None if found is None else found[0]
+
+
+def _surely_better(plain: FitResult, all_motions: FitResult, added: Sequence[Effect]) -> bool:
+    """Whether the established causes alone predict left-out blocks surely better.
+
+    Where holes scatter about where a machine drills them, all motions beside the squareness that is
+    there follow the scatter, and foretell nothing.
+    """
+    mine, theirs = LeftOutErrors.beside(plain, all_motions, added)
+    fuller = mine.left.with_what_it_foretells(theirs.left)
+    return foretells_better(mine.left.residual, fuller, plain)
 
 
 def _scales_expand(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
