@@ -17,6 +17,7 @@ from abbe.compcore.diagnosis.verdict import Diagnosis
 from abbe.compcore.effects import Positioning, Scale, ScaleExpansion
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.errors import FitError
+from abbe.compcore.fitting.cautious import cautiously
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import without_effect
@@ -78,10 +79,10 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     added = [one for _, one in more]
     found = growing.better(more[-1][0], added, 1.0 - WORTH)
     plain = _alone(growing, wanted)
-    if found is None and plain is None:
+    if found is None:
         # of lines that were measured once each, least squares foretells none that is left out
         found = growing.better(more[-1][0], added, 1.0 - WORTH, cautious=True)
-    elif found is not None and plain is not None and _surely_better(plain, found[0], added):
+    if found and plain and _surely_better(plain, cautiously(found[0]), added):
         return False
     if found is None:
         return False
@@ -98,15 +99,14 @@ def _alone(growing: GrowingModel, wanted: Sequence[Effect]) -> FitResult | None:
     return None if found is None else found[0]
 
 
-def _surely_better(plain: FitResult, all_motions: FitResult, added: Sequence[Effect]) -> bool:
-    """Whether the established causes alone predict left-out blocks surely better.
+def _surely_better(mine: FitResult, theirs: FitResult, added: Sequence[Effect]) -> bool:
+    """Whether one of two fits, with the established causes alone or all motions, foretells better.
 
     Where holes scatter about where a machine drills them, all motions beside the squareness that is
     there follow the scatter, and foretell nothing.
     """
-    mine, theirs = LeftOutErrors.beside(plain, all_motions, added)
-    fuller = mine.left.with_what_it_foretells(theirs.left)
-    return foretells_better(mine.left.residual, fuller, plain)
+    one, two = LeftOutErrors.beside(mine, theirs, added)
+    return foretells_better(one.left.residual, two.left.residual, theirs)
 
 
 def _scales_expand(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
