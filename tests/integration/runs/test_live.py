@@ -1,7 +1,8 @@
 """``abbe run`` live: corrected positions in the controller's registers, outages, a cut sensor."""
 
-from __future__ import math
+from __future__ import annotations
 
+import math
 import signal
 import time
 from itertools import pairwise
