@@ -19,8 +19,13 @@ _LONGEST = Range(1.0, 60000.0, "min")
 _USUAL_TOOL = (0.0, 0.0, -100.0)
 
 
-def seconds_of(text: str) -> float:
+def seconds_of(text: str, field: str = "time") -> float:
     """``4h`` or ``90min`` → s.
+
+    Parameters
+    ----------
+    field
+        What it is called where it is wrong.
 
     Raises
     ------
@@ -29,10 +34,10 @@ def seconds_of(text: str) -> float:
     """
     found = _TIME.fullmatch(text.strip())
     if found is None:
-        raise InputError("not a time", field="time", found=text, expected="such as 4h or 90min")
-    minutes = number("time", found[1], "h or min") * (60.0 if found[2] == "h" else 1.0)
+        raise InputError("not a time", field=field, found=text, expected="such as 4h or 90min")
+    minutes = number(field, found[1], "h or min") * (60.0 if found[2] == "h" else 1.0)
     if not _LONGEST.holds(minutes):
-        raise InputError("not a time", field="time", found=text, expected="1min to 1000h")
+        raise InputError("not a time", field=field, found=text, expected="1min to 1000h")
     return 60.0 * minutes
 
 

@@ -69,6 +69,7 @@ def calibrate(
     from abbe.compcore.errors import InputError
     from abbe.compcore.sentences import said
     from abbe.daemon.arguments.measurements.tolerances import tolerances_of
+    from abbe.daemon.arguments.plan_arguments import seconds_of
     from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
     from abbe.daemon.calibration.step import CALIBRATED
     from abbe.daemon.commands.calibration.guide import calibrate as lead
@@ -82,6 +83,9 @@ def calibrate(
     spoken = known_language(language or ENGLISH)
     if not yes and not somebody_there():
         raise AbbeError("nobody can be asked (no terminal): say --yes")
+    # said before anything is measured
+    seconds_of(time)
+    seconds_of(check_time, "check-time")
     configuration = load_config(config)
     require_measured_with(configuration)
     tolerances_of(tolerance or [], configuration.model.machine)

@@ -13,6 +13,7 @@ from abbe.compcore.files.plan_file import PlannedWork, read_plan
 from abbe.compcore.planning.targets import SurveyTask
 from abbe.compcore.sentences import said, sentences_in
 from abbe.compcore.verification.verdict import VerdictOutcome
+from abbe.daemon.arguments.plan_arguments import seconds_of
 from abbe.daemon.calibration.request import CalibrationRequest, require_measured_with
 from abbe.daemon.calibration.state import CalibrationState, at_the_wall, make_folder
 from abbe.daemon.calibration.step import CERTIFICATE, CHECK_PLAN, PLAN, TABLES, StepNow
@@ -116,8 +117,10 @@ class CalibrationGuide:
         Raises
         ------
         InputError
-            While a step is under way, and where it cannot be written.
+            For a time that is none, while a step is under way, and where it cannot be written.
         """
+        seconds_of(asked.time)
+        seconds_of(asked.check_time, "check-time")
         with self._lock:
             self._require_idle()
             make_folder(self._folder)

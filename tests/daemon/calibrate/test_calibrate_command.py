@@ -43,6 +43,15 @@ def test_a_step_that_there_is_not_leaves_no_folder(config):
     assert not (config.parent / "c").exists()
 
 
+@pytest.mark.parametrize("name", ["time", "check-time"])
+def test_a_time_that_is_none_is_said_before_anything_is_measured(config, name):
+    """Typed: `--check-time 45m` was refused after an hour of measuring, and by broken words."""
+    done = calibrate(config, f"--{name}", "45m")
+    assert done.status == 1
+    assert f"field '{name}': not a time: found '45m', expected such as 4h or 90min" in done.err
+    assert not (config.parent / "c").exists()
+
+
 def test_it_stops_goes_on_and_does_nothing_twice(config):
     done = calibrate(config, "--upto", "plan")
     assert done.status == 0, done.err
