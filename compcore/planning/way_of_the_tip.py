@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from abbe.compcore.figures.places import reaches_by_joints
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
-from abbe.compcore.planning.planned_setup import nominal_tip, tip_at
+from abbe.compcore.planning.planned_setup import tip_at
 
 F64 = NDArray[np.float64]
 
@@ -21,20 +21,15 @@ _TURN = np.radians(1.0)
 def way_of_the_tip(machine: Machine, targets: Mapping[str, F64], offset: Sequence[float]) -> F64:
     """Where the tip is on the way through some targets, straight lines between, (m, 3), mm.
 
-    As X, Y, Z + tool count, one place for each target; where joints take the tip there (an arm, a
-    SCARA robot) by the kinematics of the machine as it is drawn, all axes moving together, with as
-    many places between two targets as the arcs need.
+    `tip_at` each target; where joints take the tip there all axes move together, with as many
+    places between two targets as the arcs need.
 
     Parameters
     ----------
-    targets
-        Axis → its positions, (k,), mm or rad.
-    offset
-        The tool's, mm; of an arm where the tip is while all joints stand at 0.
+    targets, offset
+        As in `tip_at`.
     """
-    if not reaches_by_joints(machine):
-        return nominal_tip(targets, offset)
-    return tip_at(machine, _between(targets), offset)
+    return tip_at(machine, _between(targets) if reaches_by_joints(machine) else targets, offset)
 
 
 def _between(targets: Mapping[str, F64]) -> dict[str, F64]:
