@@ -151,6 +151,19 @@ def test_points_that_do_not_fit_are_refused_and_nothing_is_written(tmp_path, cha
     assert not (tmp_path / "campaign.csv").exists()
 
 
+def test_single_readings_of_other_poses_are_named(tmp_path):
+    """Typed: two of 201 points exchanged passed, as they hardly count in the rms of all."""
+    visits, _, actual = visited(tmp_path, "laser-tracker")
+    for elsewhere in (12.0, 60.0):
+        points = in_its_frame(actual)
+        points[7] = points[7] + [elsewhere, 0.0, 0.0]
+        file = write(tmp_path, "x,y,z", points)
+        with pytest.raises(InputError, match=r"single readings.*reading 8 \(") as caught:
+            write_points([(file, visits)], arm(), tmp_path / "campaign.csv")
+        assert "reading 9" not in str(caught.value)
+        assert not (tmp_path / "campaign.csv").exists()
+
+
 def test_one_joint_alone_says_nothing_of_where_the_reflector_is(tmp_path):
     visits, _, actual = visited(tmp_path, "laser-tracker", "C1")
     file = write(tmp_path, "x,y,z", in_its_frame(actual))

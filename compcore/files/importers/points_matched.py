@@ -38,6 +38,10 @@ _SHOWN_BY = 2
 the tracker."""
 _NEAR = 5.0
 """mm by which a distance may be off what the plan's stand says, all by the same apart."""
+_NAMED = 4
+"""Such readings that are named."""
+_APART = 8.0
+"""Times as far off as half of the readings are at which one is of another pose, or was lost."""
 
 
 def reads_points(visits: VisitedTargets) -> bool:
@@ -166,6 +170,7 @@ def _errors(file: Path, visits: VisitedTargets, machine: Machine, offset: F64, s
             expected="one point for each pose, in their order; the unit, each axis's sense and "
             "zero, where its line lies (location)",
         )
+    _require_alike(file, visits, np.linalg.norm(pose.left, axis=1))
     u = np.array([[float(row[name]) for name in _UNIT_VECTOR] for row in visits.rows])
     error = np.repeat(chain.to_machine_axes(pose.left), len(_UNIT_VECTOR), axis=0)
     value = np.round(1e3 * np.einsum("ij,ij->i", error, u), 4)
@@ -192,3 +197,25 @@ def _check_distances(
             found=f"{np.sqrt(np.mean(left**2)):.3g} mm rms left",
             expected="one for each pose, in their order, in mm",
         )
+    _require_alike(file, visits, np.abs(left))
+
+
+def _require_alike(file: Path, visits: VisitedTargets, off: F64) -> None:
+    """Refuse single readings that are far beyond all others: two exchanged, a beam that was lost.
+
+    Parameters
+    ----------
+    off
+        How far each reading is from where the machine as modelled is, (visits,), mm.
+    """
+    far = np.flatnonzero(off > max(_ELSEWHERE, _APART * float(np.median(off))))
+    if not far.size:
+        return
+    named = [f"reading {k + 1} ({off[k]:.3g} mm)" for k in far[:_NAMED].tolist()]
+    raise InputError(
+        f"single readings are not those of their poses of {visits.setup}: half of all are within "
+        f"{float(np.median(off)):.3g} mm",
+        file=file,
+        found=", ".join(named) + (" …" if far.size > _NAMED else ""),
+        expected="each pose's own: are two lines exchanged, was the beam lost?",
+    )
