@@ -135,11 +135,22 @@ def _fitted(model: Model, campaign: Campaign) -> FitResult | None:
 
 def _without(as_it_is: FitResult, campaign: Campaign) -> Without:
     """The same model, with the same uncertainties, fitted to a campaign without a mistake."""
-    problem = Problem(as_it_is.model, campaign, sd=as_it_is.problem.sd)
+    return Without.of(as_it_is, _left(as_it_is, campaign, as_it_is.problem.sd))
+
+
+def _left(as_it_is: FitResult, campaign: Campaign, sd: F64) -> float:
+    """χ² that the same model leaves, fitted to a campaign with these uncertainties, shape (n,)."""
+    problem = Problem(as_it_is.model, campaign, sd=sd)
     with threads_for(problem.n * problem.layout.size):
         theta, _ = gauss_newton(problem, as_it_is.theta)
         left = problem.eliminator(theta).project(problem.residual(theta))
-    return Without.of(as_it_is, float(left @ left))
+    return float(left @ left)
+
+
+def _falls(as_it_is: FitResult, part: Campaign, kept: NDArray[np.bool_]) -> bool:
+    """Whether a part of the rows, read otherwise, leaves less than it does in the fit of all."""
+    before = float(np.sum(as_it_is.weighted[kept] ** 2))
+    return before - _left(as_it_is, part, as_it_is.problem.sd[kept]) > _WORTH
 
 
 def _units(as_it_is: FitResult, campaign: Campaign) -> Iterator[Mistake]:
@@ -208,15 +219,18 @@ def _late(as_it_is: FitResult, campaign: Campaign) -> Iterator[Mistake]:
         kept = shown_later(campaign, seconds)
         if kept is None or not read_later(campaign, machine, seconds):
             return
-        rows = campaign.rows(kept)
-        beside = _fitted(as_it_is.model, rows)
+        shown = _reading(campaign, read_later(campaign, machine, seconds)).rows(kept)
+        # what these rows' own fit leaves is no more than what the fit of all rows leaves of them
+        if not _falls(as_it_is, shown, kept):
+            continue
+        beside = _fitted(as_it_is.model, campaign.rows(kept))
         if beside is None or beside.dof < _ENOUGH or beside.chi2 - beside.dof < _WORTH:
             continue
-        late, half = (
-            _without(beside, _reading(campaign, read_later(campaign, machine, by)).rows(kept))
-            for by in (seconds, 0.5 * seconds)
-        )
-        if late.sure and late.left < _FALLS * half.left:
+        late = _without(beside, shown)
+        if not late.sure:
+            continue
+        by_half = _reading(campaign, read_later(campaign, machine, 0.5 * seconds)).rows(kept)
+        if late.left < _FALLS * _without(beside, by_half).left:
             yield Mistake(
                 said(
                     "the thermometers look {hours} h late: the machine is at each moment as warm "

@@ -11,6 +11,7 @@ from abbe.compcore.model.model import Model
 from abbe.compcore.model.revise import identity, with_effect
 
 _PLAIN = ("scale", "squareness")
+_OF_ALL = {*PLAIN, *RIGID, *_PLAIN, ScaleExpansion.kind}
 
 
 def of_a_body(effect: Effect, machine: Machine) -> bool:
@@ -36,7 +37,7 @@ def with_all_motions(model: Model, campaign: Campaign) -> Model:
     """
     known = {motion(e) for e in model.effects}
     missing: dict[object, Effect] = {}
-    for effect in (c.effect for c in candidates(model, campaign)):
+    for effect in (c.effect for c in candidates(model, campaign, _OF_ALL)):
         of_all = effect.kind in PLAIN or of_a_body(effect, model.machine)
         if of_all and motion(effect) not in known:
             missing.setdefault(motion(effect), effect)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import product
@@ -96,8 +96,13 @@ class Candidate:
         return len(self.choices[0])
 
 
-def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
-    """All instances that the effects enumerate, less what the model has, plus more detail."""
+def candidates(
+    model: Model, campaign: Campaign, kinds: Collection[str] | None = None
+) -> list[Candidate]:
+    """All instances that the effects enumerate, less what the model has, plus more detail.
+
+    Of some kinds only, and then no more detail of what the model has.
+    """
     machine = model.machine
     coverage = campaign.coverage()
     present = {identity(effect) for effect in model.effects}
@@ -106,6 +111,8 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
     lasers = stated_laser(campaign, machine)
     one_place = all(n <= 1 for n in coverage.places.values())
     for cls in effect_kinds().values():
+        if kinds is not None and cls.kind not in kinds:
+            continue
         if cls.kind in OF_A_LASER and not lasers:
             continue
         for usual in _in_seen_detail(cls.candidates(machine, coverage), campaign, machine):
@@ -129,7 +136,8 @@ def candidates(model: Model, campaign: Campaign) -> list[Candidate]:
                 continue
             everywhere = acts_everywhere(effect, coverage)
             found.append(Candidate(effect, cost, choices, everywhere, expected))
-    found += list(_refinements(model, campaign))
+    if kinds is None:
+        found += _refinements(model, campaign)
     return found
 
 

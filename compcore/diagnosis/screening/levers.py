@@ -25,6 +25,8 @@ def shift_of(shift: Effect, other: Effect) -> bool:
     Of an axis's turn its error motion across. Of what grows or leans by signals the shift by the
     same signals, behind a lag both or none: of a growth along its axis, of a lean across.
     """
+    if other.kind not in WITH_A_LEVER:
+        return False
     if shift.kind != "thermal_offset":
         same_axis = getattr(shift, "axis", None) == getattr(other, "axis", "")
         return _TURNS.get(shift.kind) == other.kind and same_axis

@@ -52,7 +52,6 @@ def diagnose(
     of the campaign that are left out of the fit are predicted better.
     """
     from abbe.compcore.campaign.noise import noise_floor
-    from abbe.compcore.comparison.compare import compare
     from abbe.compcore.diagnosis import diagnose as diagnose_model
     from abbe.compcore.diagnosis.renewing import renews
     from abbe.compcore.diagnosis.words import diagnosis_words
@@ -115,6 +114,8 @@ def diagnose(
         steps = () if reached is None else reached.steps
         page(found, noise, advice, head, adding, steps).write(report)
     if as_json:
+        from abbe.compcore.comparison.compare import compare
+
         answer = diagnosed.as_json(found, noise, advice, compare(loaded, campaign))
         if reached is not None:
             answer |= reached.as_json()
