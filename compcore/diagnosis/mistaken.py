@@ -135,22 +135,29 @@ def _fitted(model: Model, campaign: Campaign) -> FitResult | None:
 
 def _without(as_it_is: FitResult, campaign: Campaign) -> Without:
     """The same model, with the same uncertainties, fitted to a campaign without a mistake."""
-    return Without.of(as_it_is, _left(as_it_is, campaign, as_it_is.problem.sd))
+    problem = Problem(as_it_is.model, campaign, sd=as_it_is.problem.sd)
+    return Without.of(as_it_is, _left(problem, as_it_is.theta))
 
 
-def _left(as_it_is: FitResult, campaign: Campaign, sd: F64) -> float:
-    """χ² that the same model leaves, fitted to a campaign with these uncertainties, shape (n,)."""
-    problem = Problem(as_it_is.model, campaign, sd=sd)
+def _left(problem: Problem, theta: F64) -> float:
+    """χ² that is left of a problem, fitted from these unknowns on."""
     with threads_for(problem.n * problem.layout.size):
-        theta, _ = gauss_newton(problem, as_it_is.theta)
+        theta, _ = gauss_newton(problem, theta)
         left = problem.eliminator(theta).project(problem.residual(theta))
     return float(left @ left)
 
 
-def _falls(as_it_is: FitResult, part: Campaign, kept: NDArray[np.bool_]) -> bool:
-    """Whether a part of the rows, read otherwise, leaves less than it does in the fit of all."""
+def _may_fall(as_it_is: FitResult, part: Campaign, kept: NDArray[np.bool_]) -> bool:
+    """Whether a part of the rows, read otherwise, leaves less than it does in the fit of all.
+
+    True also where unknowns of the fit of all are in no row of the part (a set-up's, a base
+    point's): only a fit of the part can say then.
+    """
+    problem = Problem(as_it_is.model, part, sd=as_it_is.problem.sd[kept])
+    if problem.layout.size != as_it_is.theta.size:
+        return True
     before = float(np.sum(as_it_is.weighted[kept] ** 2))
-    return before - _left(as_it_is, part, as_it_is.problem.sd[kept]) > _WORTH
+    return before - _left(problem, as_it_is.theta) > _WORTH
 
 
 def _units(as_it_is: FitResult, campaign: Campaign) -> Iterator[Mistake]:
@@ -221,7 +228,7 @@ def _late(as_it_is: FitResult, campaign: Campaign) -> Iterator[Mistake]:
             return
         shown = _reading(campaign, read_later(campaign, machine, seconds)).rows(kept)
         # what these rows' own fit leaves is no more than what the fit of all rows leaves of them
-        if not _falls(as_it_is, shown, kept):
+        if not _may_fall(as_it_is, shown, kept):
             continue
         beside = _fitted(as_it_is.model, campaign.rows(kept))
         if beside is None or beside.dof < _ENOUGH or beside.chi2 - beside.dof < _WORTH:

@@ -127,6 +127,33 @@ def test_a_logger_without_summer_time(sound: Campaign) -> None:
     assert found.startswith("the thermometers look 1 h late")
 
 
+def test_a_late_logger_beside_a_base_point_of_the_last_hour(tmp_path: Path) -> None:
+    """Readings so much later end before the last set-up, whose base point is an unknown."""
+    lines = (DATA / "fit.csv").read_text(encoding="utf-8").splitlines()
+    head = [line for line in lines if line.startswith("#")]
+    names, *rows = (line.split(",") for line in lines if not line.startswith("#"))
+    bases: dict[str, np.ndarray] = {}
+    for row in reversed(rows):
+        cell = dict(zip(names, row, strict=True))
+        base = {"c0_diag0": "B1", "c2_diag9": "A1"}.get(cell["setup"], "")
+        row.append(base)
+        if not base:
+            continue
+        # beyond a diagonal's end, what is measured along it of a point is its distance
+        point = np.array([float(cell[a]) + float(cell[f"tool_{a.lower()}"]) for a in "XYZ"])
+        along = np.array([float(cell[u]) for u in ("ux", "uy", "uz")])
+        where = bases.setdefault(base, point - 1500.0 * along)
+        far = float(np.linalg.norm(point - where)) + 1e-3 * float(cell["value"])
+        row[names.index("kind")], row[names.index("value")] = "distance", f"{far:.6f}"
+    for base, where in bases.items():
+        head += [f"# [bases.{base}]", f"# position = {where.tolist()}"]
+    path = tmp_path / "campaign.csv"
+    table = [",".join(row) for row in ([*names, "base"], *rows)]
+    path.write_text("\n".join([*head, *table]) + "\n", encoding="utf-8")
+    (found,) = said(late(read_campaign(path, MODEL.machine), 3600.0))
+    assert found.startswith("the thermometers look 1 h late")
+
+
 @pytest.mark.parametrize("seconds", [900.0, -3600.0], ids=["a housing", "the other way"])
 def test_thermometers_that_are_late_otherwise_are_no_mistake(
     sound: Campaign, seconds: float
