@@ -132,9 +132,25 @@ class Structure:
     def shows_diameters(self) -> bool:
         """Whether a control may show X as a diameter: a lathe, whose spindle turns the work.
 
-        Abbe's positions are always those of the slide itself, a radius.
+        Also where that spindle is a positioned axis, of a machine that mills, too: C next to the
+        workpiece, no other axis turns it, and X lies beyond Z, or there is no Y. Abbe's positions
+        are always those of the slide itself, a radius.
+
+        >>> [Structure.parse(code).shows_diameters
+        ...  for code in ("w (C') b Z X t", "w C' b Z X Y B t", "w C' b X Z t", "w C' b Y X Z t")]
+        [True, True, True, False]
         """
-        return self.spindle_on_workpiece and "X" in self.linear
+        if "X" not in self.linear:
+            return False
+        return self.spindle_on_workpiece or self._turns_the_work
+
+    @property
+    def _turns_the_work(self) -> bool:
+        axes = self.axes
+        turning = [a for a in self.workpiece_side if is_rotary(a)]
+        if turning != ["C"] or axes[0] != "C" or "Z" not in axes or self.spindle is not None:
+            return False
+        return "Y" not in axes or axes.index("Z") < axes.index("X")
 
     @property
     def upright(self) -> str:

@@ -1,7 +1,8 @@
 """The choice of set-ups: the mean variance in the volume falls most per hour (I-optimal).
 
 Greedy first, once by the fall of the variance and once by that of its logarithm; then every chosen
-set-up is exchanged for whatever makes more of its time, until nothing does.
+set-up is exchanged for whatever makes more of its time, until nothing does. What the others have
+made superfluous is left out in the end: a plan may be shorter than the time there is.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ RUNS = (1, 2, 4)
 """How often a set-up's targets may be visited each way; the last also of all its placings."""
 _PASSES = 3
 _WORTH = 1e-3
-"""Part of the variance by which an exchange must be better."""
+"""Part of the variance by which an exchange must be better, and a set-up must do in the end."""
 _LEAST = 1e-4
 """Part of the variance that a set-up must take away."""
 
@@ -161,6 +162,7 @@ def choose(
         chosen, known = _greedy(candidates, [], start, seconds, logarithmic)
         tell("exchanging set-ups")
         chosen, known = _exchanged(candidates, chosen, known, seconds)
+        chosen, known = _worth_their_time(chosen, known)
         if known.variance < best[0]:
             best = (known.variance, chosen)
     return [*required, *best[1]]
@@ -210,6 +212,19 @@ def _exchanged(
         if not better and not more:
             break
     return _in_one_placing(chosen), known
+
+
+def _worth_their_time(chosen: Sequence[Chosen], known: Knowledge) -> tuple[list[Chosen], Knowledge]:
+    """Without set-ups that take hardly anything away beside the others, the idlest first."""
+    kept = list(chosen)
+    while len(kept) > 1:
+        without = [known.without(one.root, one.setup.runs) for one in kept]
+        idlest = min(range(len(kept)), key=lambda i: without[i].variance)
+        if without[idlest].variance * (1.0 - _WORTH) >= known.variance:
+            break
+        known = without[idlest]
+        del kept[idlest]
+    return kept, known
 
 
 def _in_one_placing(chosen: Sequence[Chosen]) -> list[Chosen]:

@@ -25,10 +25,14 @@ def draws_back(machine: Machine) -> bool:
 def drawn_back(machine: Machine, offset: Sequence[float]) -> tuple[str, float]:
     """The axis along which a tool is drawn back, and where to, mm; of machines that `draws_back`.
 
-    It is the linear axis nearest to the tool, drawn towards the spindle.
+    It is the linear axis nearest to the tool, drawn towards the spindle. Not Y of a lathe, which
+    moves the tool along the work's circumference.
     """
-    near = [a for a in machine.structure.axes if not is_rotary(a)]
-    axis = near[-1] if near[-1] in machine.structure.tool_side else near[0]
+    structure = machine.structure
+    near = [a for a in structure.axes if not is_rotary(a)]
+    if structure.shows_diameters and near[-1] == "Y" and len(near) > 1:
+        near.pop()
+    axis = near[-1] if near[-1] in structure.tool_side else near[0]
     towards = -float(np.dot(offset, nominal_direction(axis)))
     low, high = machine.axes[axis].travel
     edge = min(1.0, 0.01 * (high - low))

@@ -34,6 +34,11 @@ class PlannedInstrument:
         The longest line or distance that it measures, mm.
     nearest
         The shortest distance of a reflector that it is planned to look at, mm.
+    there
+        What a person does when the machine stands before the first target; empty where everything
+        is done while the tool is drawn back.
+    held
+        Whether the tool holds it, so that little more than its range breaks or loses it.
     """
 
     key: str
@@ -44,6 +49,8 @@ class PlannedInstrument:
     per_length: float = 0.0
     reach: float = 40e3
     nearest: float = 0.0
+    there: str = ""
+    held: bool = False
 
     def uncertainty(self, length: float) -> float:
         """Standard uncertainty of one reading over a length (mm), mm or rad."""
@@ -51,17 +58,39 @@ class PlannedInstrument:
 
 
 _MINUTE = 60.0
+_BEAM = "align the beam"
 INSTRUMENTS: Mapping[str, PlannedInstrument] = {
     i.key: i
     for i in (
-        PlannedInstrument("laser", "laser interferometer", 20 * _MINUTE, 4.0, 3e-4, 5e-7),
         PlannedInstrument(
-            "straightness", "laser with straightness optics", 30 * _MINUTE, 5.0, 8e-4, 0.0, 4000.0
+            "laser", "laser interferometer", 20 * _MINUTE, 4.0, 3e-4, 5e-7, there=_BEAM
         ),
-        PlannedInstrument("angle", "laser with angle optics", 20 * _MINUTE, 4.0, 1e-6, 0.0, 15e3),
+        PlannedInstrument(
+            "straightness",
+            "laser with straightness optics",
+            30 * _MINUTE,
+            5.0,
+            8e-4,
+            0.0,
+            4000.0,
+            there=_BEAM,
+        ),
+        PlannedInstrument(
+            "angle", "laser with angle optics", 20 * _MINUTE, 4.0, 1e-6, 0.0, 15e3, there=_BEAM
+        ),
         PlannedInstrument("level", "electronic levels", 12 * _MINUTE, 12.0, 2e-6),
         # 3 s: read standing, target by target, as `abbe measure` follows a program
-        PlannedInstrument("ball-bar", "ball bar", 12 * _MINUTE, 3.0, 7e-4, 0.0, 300.0),
+        PlannedInstrument(
+            "ball-bar",
+            "ball bar",
+            12 * _MINUTE,
+            3.0,
+            7e-4,
+            0.0,
+            300.0,
+            there="put the ball bar on",
+            held=True,
+        ),
         PlannedInstrument(
             "tracker", "tracking interferometer", 25 * _MINUTE, 5.0, 5e-4, 5e-7, 15e3, 500.0
         ),
@@ -69,7 +98,14 @@ INSTRUMENTS: Mapping[str, PlannedInstrument] = {
             "laser-tracker", "laser tracker", 15 * _MINUTE, 5.0, 1e-2, 5e-6, 80e3, 1000.0
         ),
         PlannedInstrument(
-            "indicator", "indicator on a straightedge", 15 * _MINUTE, 6.0, 1e-3, 0.0, 500.0
+            "indicator",
+            "indicator on a straightedge",
+            15 * _MINUTE,
+            6.0,
+            1e-3,
+            0.0,
+            500.0,
+            there="let the indicator touch the straightedge",
         ),
         PlannedInstrument(
             "gauge-block", "gauge blocks and a touch probe", 8 * _MINUTE, 10.0, 1e-3, 5e-7, 500.0
@@ -81,7 +117,15 @@ INSTRUMENTS: Mapping[str, PlannedInstrument] = {
             "ball-plate", "ball plate and a touch probe", 18 * _MINUTE, 25.0, 1e-3, 5e-7, 400.0
         ),
         PlannedInstrument("sphere", "sphere and a touch probe", 6 * _MINUTE, 25.0, 2e-3),
-        PlannedInstrument("r-test", "R-test", 15 * _MINUTE, 6.0, 1e-3),
+        PlannedInstrument(
+            "r-test",
+            "R-test",
+            15 * _MINUTE,
+            6.0,
+            1e-3,
+            there="bring sphere and R-test together, near the middle of its range",
+            held=True,
+        ),
         PlannedInstrument(
             "rotary-calibrator",
             "rotary calibrator, or polygon and autocollimator",

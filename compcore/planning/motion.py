@@ -2,7 +2,8 @@
 
 A target is met from the side that the plan says: where an axis would come from the other one, it
 goes beyond first, stands, and comes back. Between set-ups the tool is drawn back along the axis
-that is nearest to it, and the program stops for the instrument to be set up. An arm has no such
+that is nearest to it, and the program stops for the instrument to be set up; before the first
+target once more for what has to be aligned or put on there. An arm has no such
 axis: it goes straight to the next set-up, or over the pose in which its joints stand at 0.
 """
 
@@ -19,6 +20,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.figures.places import reaches_by_joints
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.beyond import beyond_of
 from abbe.compcore.planning.drawing_back import drawn_back, draws_back
 from abbe.compcore.planning.envelope import WorkingSpace
 from abbe.compcore.planning.nudge import nudge_of
@@ -38,10 +40,11 @@ class ProgramStep:
     Attributes
     ----------
     kind
-        ``note``: words; ``stop``: words, waits for a person; ``move``: straight, at feed;
-        ``target``: stands still there and is read; ``touch``: straight on until the probe touches.
+        ``note``: words; ``stop``: words, waits for a person while the tool is drawn back;
+        ``there``: the same, before the first target; ``move``: straight, at feed; ``target``:
+        stands still there and is read; ``touch``: straight on until the probe touches.
     text
-        Of notes and stops.
+        Of notes and of what a person is waited for.
     at
         Of moves and targets: axis → position, mm or rad.
     number
@@ -56,7 +59,7 @@ class ProgramStep:
         Of a move: the probe must not touch anything on it.
     """
 
-    kind: Literal["note", "stop", "move", "target", "touch"]
+    kind: Literal["note", "stop", "there", "move", "target", "touch"]
     text: str = ""
     at: Mapping[str, float] = field(default_factory=dict)
     number: int = 0
@@ -111,7 +114,8 @@ class Way:
     def _setup(self, setup: PlannedSetup) -> Iterator[ProgramStep]:
         order, _ = setup.visits()
         senses = setup.senses()
-        moving = [a for a, q in setup.targets.items() if float(np.ptp(q)) > 0.0]
+        more = beyond_of(setup, self._space.beyond)
+        moving = list(more)
         rest: dict[str, float] = {}
         if draws_back(self._machine):
             rest = dict([drawn_back(self._machine, setup.offset)])
@@ -121,17 +125,19 @@ class Way:
             target = {a: float(q[k]) for a, q in setup.targets.items()}
             sense = {a: float(senses[a][i]) for a in moving}
             if i == 0:
-                first = target | {a: target[a] - sense[a] * self._more(a) for a in moving}
+                first = target | {a: target[a] - sense[a] * more[a] for a in moving}
                 high = first | rest
                 if not self._at:
                     self._at = dict(high)
                 yield from self._across(setup, high, tuple(rest))
                 yield ProgramStep("stop", f"set up the instrument: {setup.what}")
                 yield self._move(setup, first, TURN)
+                if setup.instrument.there:
+                    yield ProgramStep("there", f"{setup.instrument.there}: {setup.what}")
             else:
                 late = [a for a in moving if self._wrong(a, target[a], sense[a], before[a])]
                 if late:
-                    beyond = {a: target[a] - sense[a] * self._more(a) for a in late}
+                    beyond = {a: target[a] - sense[a] * more[a] for a in late}
                     yield self._move(setup, beyond, TURN)
             yield self._move(setup, target)
             seconds = setup.instrument.reading if self._stands is None else self._stands
@@ -218,10 +224,6 @@ class Way:
         """Whether an axis would come to a target from the other side, or has not come to it."""
         way = target - self._at[axis]
         return way * sense < 0.0 if abs(way) > _NEAR else sense != before
-
-    def _more(self, axis: str) -> float:
-        beyond = self._space.beyond
-        return math.radians(0.1 * beyond) if is_rotary(axis) else beyond
 
     def _move(
         self, setup: PlannedSetup, to: Mapping[str, float], seconds: float = 0.0

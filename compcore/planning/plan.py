@@ -180,6 +180,9 @@ def plan_survey(
                 found=", ".join(i.key for i in instruments),
                 expected="more time, or others: along an axis a laser or a step gauge",
             )
+        spent = sum(c.setup.seconds for c in chosen)
+        if seconds - spent >= float(pool.seconds.min()):
+            seconds = spent  # nothing else was worth its time
         placed = {s.instrument.key for s in (*found, *fine)}
         return replace(
             ordered(task, chosen, start),

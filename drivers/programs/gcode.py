@@ -70,7 +70,7 @@ class _GCode(Dialect):
         for step in steps:
             if step.kind == "note":
                 yield self._note(step.text)
-            elif step.kind == "stop":
+            elif step.kind in ("stop", "there"):
                 yield self._note(step.text)
                 yield "M0"
             elif step.kind == "move" and step.guarded:

@@ -50,7 +50,7 @@ class Klartext(Dialect):
         for step in steps:
             if step.kind == "note":
                 yield f"; {plain(step.text)}"
-            elif step.kind == "stop":
+            elif step.kind in ("stop", "there"):
                 yield f"; {plain(step.text)}"
                 yield "STOP"
             elif step.kind == "move":

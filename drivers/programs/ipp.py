@@ -53,7 +53,7 @@ class IppCommands(Dialect):
         for step in steps:
             if step.kind == "note":
                 yield f"# {plain(step.text)}"
-            elif step.kind == "stop":
+            elif step.kind in ("stop", "there"):
                 yield f"# stop: {plain(step.text)}"
             elif step.kind == "move":
                 words = ", ".join(f"{a}({v:.4f})" for a, v in shown(step.at).items())

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
+from abbe.compcore.planning.beyond import beyond_of
 from abbe.compcore.planning.drawing_back import drawn_back
 from abbe.compcore.planning.envelope import WorkingSpace
 from abbe.compcore.planning.motion import TURN, ProgramStep, Way
@@ -90,6 +91,7 @@ class _TouchingWay(Way):
         stands = self._standing(setup)
         order, _ = setup.visits()
         senses, turning = setup.senses(), turning_axes(setup)
+        more = beyond_of(setup, self._space.beyond)
         back, height = drawn_back(machine, setup.offset)
         yield from self._back(setup, {back: height})
         before: dict[str, float] = {}
@@ -101,7 +103,7 @@ class _TouchingWay(Way):
                 self._at = dict(over) | {back: height}
             late = [a for a in turning if not i or self._wrong(a, angles[a], sense[a], before[a])]
             if late:
-                beyond = {a: angles[a] - sense[a] * self._more(a) for a in late}
+                beyond = {a: angles[a] - sense[a] * more[a] for a in late}
                 yield self._move(setup, beyond, TURN)
             yield self._move(setup, angles)
             yield from self._across(setup, over | {back: height}, (back,))

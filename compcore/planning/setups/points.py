@@ -161,6 +161,7 @@ def gauge_blocks(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Pl
     for axes in ("X", "Y", "Z", "XY", "YZ", "XZ"):
         if any(a not in task.machine.axes for a in axes):
             continue
+        seen = set()
         for length, parts in product(_BLOCKS, PARTS[:3]):
             each = length / np.sqrt(len(axes))
             others = [a for a in "XYZ" if a in task.machine.axes and a not in axes]
@@ -175,8 +176,12 @@ def gauge_blocks(task: SurveyTask, instrument: PlannedInstrument) -> Iterator[Pl
             }
             u = np.sum([nominal_direction(a) for a in axes], axis=0) / np.sqrt(len(axes))
             place = ", ".join(f"{a} {stand[a]:.0f}" for a in others)
+            if (length, place) in seen:  # a rail has no other place, a lathe one less
+                continue
+            seen.add((length, place))
+            words = f"block of {length:.0f} mm along {axes}{' at ' if place else ''}{place}"
             yield line(
-                task, instrument, ends, 2, u, f"block of {length:.0f} mm along {axes} at {place}",
+                task, instrument, ends, 2, u, words,
                 runs=3,
             )  # fmt: skip
 

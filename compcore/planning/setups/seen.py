@@ -18,6 +18,8 @@ _THICK = 0.05
 _OF_THE_WAY = 0.3
 """… at most this part of how far the tip is usually from it."""
 _TINY = 1e-12
+_SAME_PLACE = 1e-6
+"""mm."""
 
 
 class Links:
@@ -55,11 +57,21 @@ class Links:
     def seen_from(self, place: F64) -> Bool:
         """At which poses no link stands between the tip and a place, (k,)."""
         start = np.broadcast_to(place, self.tip.shape)
-        return self._clear(start, self.tip)
+        return self._clear(start, self.tip, self._numbers)
 
     def apart(self) -> Bool:
-        """At which poses the tool keeps clear of the links, (k,), the last one left out."""
-        return self._clear(self._joints[-1], self.tip) if self._joints else np.array(True)
+        """At which poses the tool keeps clear of the links, (k,), but of that at which it begins.
+
+        Where the lines of a wrist meet in one point, the tool begins at the end of the forearm.
+        """
+        if not self._joints:
+            return np.array(True)
+        wrist = self._joints[-1]
+        ends = [np.abs(self._joints[i + 1] - wrist).max() < _SAME_PLACE for i in self._numbers]
+        counted = [
+            i for i, at_the_wrist in zip(self._numbers, ends, strict=True) if not at_the_wrist
+        ]
+        return self._clear(wrist, self.tip, counted)
 
     @property
     def _numbers(self) -> range:
@@ -68,9 +80,9 @@ class Links:
     def _away(self, points: F64, i: int) -> F64:
         return between(points, points, self._joints[i], self._joints[i + 1])
 
-    def _clear(self, start: F64, end: F64) -> Bool:
+    def _clear(self, start: F64, end: F64, numbers: Sequence[int]) -> Bool:
         free = np.ones(len(end), dtype=np.bool_)
-        for i in self._numbers:
+        for i in numbers:
             free &= between(start, end, self._joints[i], self._joints[i + 1]) > self._thick[i]
         return free
 

@@ -69,6 +69,20 @@ def test_poses_use_all_of_every_joint_and_keep_their_distance_from_the_tracker(s
         assert np.allclose(setup.sd, expected, rtol=1e-6)
 
 
+def test_a_wrist_whose_lines_meet_in_one_point_has_poses():
+    """The same arm: a joint's place may be any point of its line. Every tool was held to be in the
+    forearm, at whose end it begins.
+    """
+    aim = task()
+    axes = dict(aim.machine.axes)
+    axes["A6"] = replace(axes["A6"], location=axes["B5"].location)
+    aim = replace(
+        aim, model=Model(replace(aim.machine, axes=axes)).with_effects(*aim.model.effects)
+    )
+    found = list(poses(aim, INSTRUMENTS["laser-tracker"], some=False))
+    assert [setup.count for setup in found] == [100] * 3
+
+
 def test_the_upper_arm_stands_between_no_tip_and_the_tracker(seen):
     """The line of sight, sampled, from the column with the upper arm, by the transforms."""
     still = {"B3", "A4", "B5", "A6"}

@@ -12,6 +12,7 @@ import pytest
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure, is_rotary
+from abbe.compcore.planning.drawing_back import drawn_back
 from abbe.compcore.planning.envelope import KeepOut, WorkingSpace
 from abbe.compcore.planning.instruments import instruments_called
 from abbe.compcore.planning.motion import TURN, ProgramStep, steps_of
@@ -120,7 +121,9 @@ def test_linuxcncs_own_interpreter_stops_at_every_target(name, tmp_path):
     # before its first word of an axis the interpreter has it at 0
     first = next(i for i, e in enumerate(stream) if isinstance(e, dict))
     check(aim, setups, stream[first + 1 :])
-    assert done.stdout.count("PROGRAM_STOP()") == len(setups)
+    there = sum(bool(s.instrument.there) for s in setups)
+    assert there > 0
+    assert done.stdout.count("PROGRAM_STOP()") == len(setups) + there
 
 
 def words(text, pattern):
@@ -334,10 +337,27 @@ def test_siemens_is_told_that_x_is_a_radius_before_it_moves():
     assert lines.index("DIAMOF") < next(i for i, line in enumerate(lines) if "SUPA" in line)
 
 
+MILLS_TOO = Machine(
+    "mill-turn",
+    Structure.parse("w C' b Z X Y t"),
+    {**LATHE.axes, "C": Axis("C", (0.0, 6.3)), "Y": Axis("Y", (-40.0, 40.0))},
+)
+"""Its spindle is a positioned axis, and it has a Y."""
+
+
+@pytest.mark.parametrize("machine", [LATHE, MILLS_TOO])
 @pytest.mark.parametrize("controller", ["fanuc", "heidenhain"])
-def test_no_lathe_is_moved_by_a_language_that_cannot_say_radius(controller):
+def test_no_lathe_is_moved_by_a_language_that_cannot_say_radius(controller, machine):
     with pytest.raises(InputError, match="no programs for a lathe"):
-        dialect_called(controller).text(FACING, LATHE, "lathe", 500.0)
+        dialect_called(controller).text(FACING, machine, "lathe", 500.0)
+
+
+def test_a_lathe_that_mills_is_told_that_x_is_a_radius_and_draws_back_in_x():
+    """Not in Y: that moves the tool along the work."""
+    for controller, word in (("linuxcnc", "G8"), ("siemens", "DIAMOF")):
+        lines = dialect_called(controller).text(FACING, MILLS_TOO, "lathe", 500.0).splitlines()
+        assert word in lines
+    assert drawn_back(MILLS_TOO, (-100.0, 0.0, 0.0)) == ("X", pytest.approx(-1.0))
 
 
 def test_a_mill_is_told_nothing_of_diameters():

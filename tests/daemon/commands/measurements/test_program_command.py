@@ -48,7 +48,7 @@ def test_one_set_up_alone(plan, tmp_path):
     out = tmp_path / "p.h"
     done = abbe("program", plan, "--controller", "heidenhain", "-o", out, "--setup", "02_laser")
     assert done.status == 0, done.err
-    assert out.read_text("ascii").count("STOP") == 1
+    assert out.read_text("ascii").count("STOP") == 2
 
 
 @pytest.mark.parametrize(

@@ -150,7 +150,7 @@ class ProgramRun:
                     return False
             elif rests or passed > STEPS_AGAIN:
                 if following.startswith("(set up"):
-                    stops = self._lines[:moved].count("M0")
+                    stops = sum(line.startswith("(set up") for line in self._lines[:moved])
                     self._mill.laser.order("place", u=self._ways[stops])
                 time.sleep(0.15)  # a machine stands there for a moment, too
                 return False
