@@ -146,6 +146,8 @@ def _causes(machine: Machine, rng: np.random.Generator) -> list[Cause]:
     lean = "XY"[int(rng.integers(2))]
     last = axes[-1]
     across = [d for d in "XYZ" if d != last][int(rng.integers(2))]
+    if last == "Y":
+        across = "Z"  # a ram that reaches along Y lies level, and what it holds up bends it down
 
     def division(s: State) -> F64:
         x = (np.asarray(s[a]) - low) / (high - low)
