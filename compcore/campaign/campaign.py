@@ -259,7 +259,7 @@ class Campaign:
             _interval(parts),
             even_steps(c),
             places(c),
-            {a: float(np.ptp(q)) for a, q in c.positions.items() if a in moving},
+            {a: (float(q.min()), float(q.max())) for a, q in c.positions.items() if a in moving},
             max((float(np.ptp(t)) for t in parts), default=0.0),
         )
 

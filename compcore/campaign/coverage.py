@@ -77,8 +77,8 @@ class Coverage:
         shorter than two of it is not told from a longer one.
     places
         Axis → at how many places it was read.
-    spans
-        Axis → from the least to the greatest place at which it was read, mm or rad.
+    ends
+        Axis → the least and the greatest place at which it was read, mm or rad.
     stretch
         From the first to the last row between which no night lies, s (the longest such).
     """
@@ -96,7 +96,7 @@ class Coverage:
     interval: float = 0.0
     steps: Mapping[str, float] = field(default_factory=dict)
     places: Mapping[str, int] = field(default_factory=dict)
-    spans: Mapping[str, float] = field(default_factory=dict)
+    ends: Mapping[str, tuple[float, float]] = field(default_factory=dict)
     stretch: float = 0.0
 
     def shows(self, axis: str, numbers: int) -> bool:
@@ -106,6 +106,11 @@ class Coverage:
         any form: what five targets show is a table.
         """
         return self.places.get(axis, 2 * (numbers + 1)) >= 2 * (numbers + 1)
+
+    def span(self, axis: str, unknown: float) -> float:
+        """From the least to the greatest place at which an axis was read, mm or rad."""
+        low, high = self.ends.get(axis, (0.0, unknown))
+        return high - low
 
     @property
     def levers(self) -> bool:

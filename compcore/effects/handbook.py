@@ -30,6 +30,7 @@ KEY_WORDS = {
     "base": "a base point of distances",
     "shape": "constant, polynomial:N, spline:N or table",
     "positions": "a table's positions, mm (rotary axes degrees), comma-separated",
+    "within": "the angles in degrees beyond which the value of that end is held",
     "harmonics": "number of harmonics",
     "period": "period in mm; fitted where it is left out",
     "tau": "time constant in s",

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
+from dataclasses import replace
 from typing import TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
+from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.targets import targets
 from abbe.compcore.effects.base import Effect
 from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
@@ -16,6 +18,7 @@ from abbe.compcore.effects.catalogue.shaped import ShapedEffect
 from abbe.compcore.effects.shapes import CUBIC, Shape
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import WHOLE_TURN, Axis, Machine
+from abbe.compcore.model.model import Model
 
 F64 = NDArray[np.float64]
 E = TypeVar("E", bound=Effect)
@@ -149,10 +152,34 @@ def finer(effect: Effect, conditions: Conditions, machine: Machine) -> Iterator[
             if float(np.ptp(at)) >= WHOLE_TURN:
                 yield {"harmonics": waves}
             else:
-                yield {"harmonics": None, "shape": f"spline:{2 * waves}"}
+                curve = {"harmonics": None, "shape": f"spline:{2 * waves}"}
+                ends = (float(at.min()), float(at.max()))
+                held = effect.model_copy(update=curve).held_beyond(axis, ends)
+                yield curve | {"within": held.within}
     elif match is None:
         return
     if len(effect.linear(machine)) < len(places) > 1:
         table: dict[str, object] = {} if match else {"harmonics": None}
         shown = np.rad2deg(places) if axis.rotary else places
+        if isinstance(effect, RotaryMotion):
+            table["within"] = ()  # it holds its ends by itself
         yield table | {"shape": "table", "positions": tuple(float(f"{p:.4f}") for p in shown)}
+
+
+def reaching(model: Model, campaign: Campaign) -> Model:
+    """A model whose error motions of rotary axes are held no nearer than the campaign reads them.
+
+    Where more of a turn is read than a curve was made of, it is fitted to more.
+    """
+    terms = list(model.terms)
+    for i, term in enumerate(terms):
+        effect = term.effect
+        read = campaign.coverage().ends.get(getattr(effect, "axis", ""))
+        if not isinstance(effect, RotaryMotion) or not effect.within or read is None:
+            continue
+        low, high = (float(e) for e in np.deg2rad(effect.within))
+        if read[0] < low or read[1] > high:
+            ends = (min(low, read[0]), max(high, read[1]))
+            wider = effect.held_beyond(model.machine.axis(effect.axis), ends)
+            terms[i] = replace(term, effect=wider)
+    return replace(model, terms=tuple(terms)) if terms != list(model.terms) else model

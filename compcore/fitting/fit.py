@@ -23,6 +23,7 @@ from abbe.compcore.fitting.design.design_matrix import Problem
 from abbe.compcore.fitting.design.row_blocks import rows_at_once
 from abbe.compcore.fitting.design.run_starts import Bodies
 from abbe.compcore.fitting.design.weights import Uncertainty
+from abbe.compcore.fitting.detail import reaching
 from abbe.compcore.fitting.determinacy import Decomposition
 from abbe.compcore.fitting.frame import ReferenceFrame
 from abbe.compcore.fitting.gauss_newton import gauss_newton
@@ -175,6 +176,7 @@ def fit(
         raise FitError("the campaign has no rows")
     require_rows_together(campaign)
     campaign = steadied(campaign, model.machine)
+    model = reaching(model, campaign)
     frame = ReferenceFrame() if frame is None else frame
     frame.check(model.machine)
     tell = progress or (lambda _: None)

@@ -13,7 +13,9 @@ from abbe.compcore.effects.registry import make_effect
 from abbe.compcore.errors import InputError, require_type
 from abbe.compcore.model.model import Model, Term
 
-DETAIL = ("shape", "positions", "harmonics", "tau", "tau2", "start", "period", "gravity")
+DETAIL = (
+    "shape", "positions", "within", "harmonics", "tau", "tau2", "start", "period", "gravity",
+)  # fmt: skip
 """Where-keys that say in how much detail an effect is described, not which cause it is."""
 
 

@@ -56,7 +56,8 @@ def descriptions(diagnosis: Findings) -> Iterator[tuple[Effect, ...]]:
     if len(campaign.setups) < FOLDS:
         for axis in axes:
             rotary = model.machine.axis(axis).rotary
-            own: list[Own] = [RotaryPositioning(axis=axis)]
+            waves = RotaryPositioning(axis=axis)
+            own: list[Own] = [waves.held_beyond(model.machine.axis(axis), coverage.ends.get(axis))]
             if not rotary:
                 usual = Positioning(axis=axis)
                 own = [no_finer_than_seen(usual, campaign.conditions, model.machine)]

@@ -156,7 +156,7 @@ class Cyclic(Effect):
         found = self.nonlinear(machine)
         step = coverage.steps.get(self.axis, 0.0)
         axis = machine.axis(self.axis)
-        span = coverage.spans.get(self.axis, 2.0 * axis.half_travel)
+        span = coverage.span(self.axis, 2.0 * axis.half_travel)
         if axis.rotary and not step and coverage.places:
             # uneven angles: no more waves than half of the places
             step = span / max(coverage.places.get(self.axis, 2) - 1, 1)
