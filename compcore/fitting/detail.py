@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.targets import targets
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
+from abbe.compcore.effects.catalogue.rotary.over_an_arc import RotaryMotion
 from abbe.compcore.effects.catalogue.shaped import ShapedEffect
 from abbe.compcore.effects.shapes import CUBIC, Shape
 from abbe.compcore.machine.conditions import Conditions

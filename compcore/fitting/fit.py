@@ -175,8 +175,7 @@ def fit(
     if not campaign.n:
         raise FitError("the campaign has no rows")
     require_rows_together(campaign)
-    campaign = steadied(campaign, model.machine)
-    model = reaching(model, campaign)
+    model, campaign = reaching(model, campaign), steadied(campaign, model.machine)
     frame = ReferenceFrame() if frame is None else frame
     frame.check(model.machine)
     tell = progress or (lambda _: None)

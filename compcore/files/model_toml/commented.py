@@ -10,7 +10,7 @@ from typing import Any
 import tomli_w
 
 from abbe.compcore.effects.base import Effect, ErrorMotion
-from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
+from abbe.compcore.effects.catalogue.rotary.over_an_arc import RotaryMotion
 from abbe.compcore.effects.catalogue.shaped import ShapedEffect
 from abbe.compcore.errors import AbbeError, InputError
 from abbe.compcore.files.model_file import document_of, parse_model

@@ -16,7 +16,7 @@ from abbe.compcore.diagnosis.screening.left_out.crossvalidation import (
     lonely,
 )
 from abbe.compcore.effects.base import Effect
-from abbe.compcore.effects.catalogue.rotary.motions import RotaryMotion
+from abbe.compcore.effects.catalogue.rotary.over_an_arc import RotaryMotion
 from abbe.compcore.effects.shapes import CUBIC, Shape
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
