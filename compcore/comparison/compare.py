@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -27,6 +28,7 @@ from abbe.compcore.comparison.tabulate import ResidualGroup, group, tables
 from abbe.compcore.comparison.words import (
     clock_words,
     comparison_words,
+    extrapolated_note,
     fitted_note,
     known_waves,
 )
@@ -44,6 +46,7 @@ from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.words import start_lines
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.days import of_another_day
+from abbe.compcore.model.measured_ranges import OutsideMeasured, signals_outside
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
 from abbe.compcore.sentences import counted, joined, said
@@ -120,6 +123,18 @@ class Comparison(Shown):
         return tuple(file for file, sha256 in files.items() if sha256 in known)
 
     @cached_property
+    def extrapolated(self) -> tuple[Mask, tuple[OutsideMeasured, ...]]:
+        """Rows (n,) whose signals were not so when the model was fitted, and which of them."""
+        return signals_outside(self.problem.model, self.problem.campaign.conditions)
+
+    def inside_and_out(self, part: ComparedRows) -> tuple[float, float]:
+        """RMS of what is left of a part where signals were as fitted, and where not, mm or rad."""
+        out = self.extrapolated[0]
+        left = (self.residual[part.rows & ~out], self.residual[part.rows & out])
+        inside, outside = (float(np.sqrt(np.mean(r**2))) if r.size else math.nan for r in left)
+        return inside, outside
+
+    @cached_property
     def suspicions(self) -> tuple[str, ...]:
         """Wrong units, turned signs, absurd uncertainties, as far as they can be seen here."""
         campaign = self.problem.campaign
@@ -193,15 +208,27 @@ class Comparison(Shown):
             )
         elif self.holds:
             yield said("The model holds: what is left is noise; {parts}.", parts=parts)
+            yield from self._extrapolated_words()
             return
         else:
             yield said("THE MODEL DOES NOT HOLD on this campaign: {parts}.", parts=parts)
+        yield from self._extrapolated_words()
         yield from self.changed
         for side in self.sides:
             yield said(
                 "{what}: {share} of what is left.", what=side.words, share=f"{side.share:.0%}"
             )
         yield f"next: {self.diagnosing}"
+
+    def _extrapolated_words(self) -> Iterator[str]:
+        out, beyond = self.extrapolated
+        if beyond:
+            sizes = [
+                (self.inside_and_out(part), unit, factor)
+                for part, _, unit, factor in self._parts()
+                if part.n
+            ]
+            yield extrapolated_note(beyond, float(out.mean()), sizes)
 
     def words(self) -> Iterator[str]:
         """What ``abbe compare`` prints: overall, worst set-ups and regions, worst points, lines."""

@@ -334,6 +334,16 @@ class Model:
         return {name: (float(low), float(high)) for name, (low, high) in ranges.items()}
 
     @property
+    def measured_differences(self) -> Mapping[tuple[str, str], tuple[float, float]]:
+        """Two temperatures → how far the first was above the second in those campaigns, K."""
+        ranges = self.fit.get("measured", {}).get("differences", {})
+        return {
+            (one, other): (float(low), float(high))
+            for one, others in ranges.items()
+            for other, (low, high) in others.items()
+        }
+
+    @property
     def measured_positions(self) -> Mapping[str, tuple[float, float]]:
         """Axis → where it stood in the campaigns that were fitted, mm (rotary: degrees)."""
         ranges = self.fit.get("measured", {}).get("positions", {})
@@ -415,14 +425,21 @@ class Model:
 
         The parts sum to the first-order translation error.
         """
+        return {spec: moved for spec, (moved, _) in self.parts(conditions).items()}
+
+    def parts(self, conditions: Conditions) -> dict[str, tuple[F64, F64]]:
+        """Each fitted effect's part of the first-order error: spec → (n, 3), mm; (n, 3), rad."""
         conditions = self.amended(conditions)
         chain = Chain(self.machine, conditions)
-        parts: dict[str, F64] = {}
+        parts: dict[str, tuple[F64, F64]] = {}
         for acting in self._acting:
-            total = np.zeros((conditions.n, 3))
+            moved, turned = np.zeros((conditions.n, 3)), np.zeros((conditions.n, 3))
             for error_motion, value in acting.motions(self.machine, conditions):
-                total += chain.influence(error_motion)[0] * value[:, None]
-            parts[acting.effect.spec] = total
+                by, about = chain.influence(error_motion)
+                moved += by * value[:, None]
+                if error_motion.rotation:
+                    turned += about * value[:, None]
+            parts[acting.effect.spec] = moved, turned
         return parts
 
 

@@ -18,17 +18,17 @@ from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.machine.streamed_conditions import LagStates, StreamedConditions
 from abbe.compcore.model.inverse import invert_model
+from abbe.compcore.model.measured_ranges import (
+    OutsideMeasured,
+    farthest,
+    outside,
+    outside_names,
+)
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.pose import command_of
 from abbe.compcore.model.required_inputs import RequiredInputs
 from abbe.compcore.model.sensitivity import covariance_root
-from abbe.compcore.model.uncertainty import (
-    COVERAGE,
-    UNKNOWN,
-    outside_names,
-    uncertainty,
-    unmeasured,
-)
+from abbe.compcore.model.uncertainty import COVERAGE, UNKNOWN, uncertainty
 from abbe.daemon.arguments.point_arguments import Given, beyond, unfitted
 
 F64 = NDArray[np.float64]
@@ -46,8 +46,8 @@ class CorrectedFile:
         Greatest correction of a single axis, mm.
     ranges
         Axis → least and greatest indicated position, mm (rotary: rad).
-    signals, tool
-        Signal, component of the tool's offset (mm) → least and greatest.
+    outside
+        Positions, signals and tools that were not measured, each where it is farthest out.
     widest
         Greatest ± of a single axis, k = 2, mm; None where it was not asked for or nobody knows.
     """
@@ -55,22 +55,18 @@ class CorrectedFile:
     rows: int = 0
     worst: float = 0.0
     ranges: dict[str, tuple[float, float]] = field(default_factory=dict)
-    signals: dict[str, tuple[float, float]] = field(default_factory=dict)
-    tool: dict[str, tuple[float, float]] = field(default_factory=dict)
+    outside: list[OutsideMeasured] = field(default_factory=list)
     widest: float | None = None
     warnings: list[str] = field(default_factory=list)
 
-    def add(self, at: Conditions, correction: F64) -> None:
+    def add(self, model: Model, at: Conditions, correction: F64) -> None:
         """Take some rows into account."""
         self.rows += len(correction)
         self.worst = max(self.worst, float(np.abs(correction).max(initial=0.0)))
-        tool = dict(zip("xyz", at.tool.T, strict=True))
-        for kept, columns in (
-            (self.ranges, at.positions), (self.signals, at.signals), (self.tool, tool),
-        ):  # fmt: skip
-            for name, q in columns.items():
-                low, high = kept.get(name, (np.inf, -np.inf))
-                kept[name] = (min(low, float(q.min())), max(high, float(q.max())))
+        self.outside = farthest((*self.outside, *outside(model, at)))
+        for axis, q in at.positions.items():
+            low, high = self.ranges.get(axis, (np.inf, -np.inf))
+            self.ranges[axis] = (min(low, float(q.min())), max(high, float(q.max())))
 
     def as_json(self, out: Path) -> dict[str, Any]:
         """One object for ``--json``."""
@@ -121,9 +117,7 @@ def correct_file(
     with PointsFile(path, model.machine, tuple(model.machine.signals)) as source:
         reader = _RowReader(model, required, source, given)
         write_atomically(out, _lines(model, source, reader, summary, command, held, sure, tell))
-    tool = [summary.tool[k] for k in "xyz" if k in summary.tool]
-    out_there = unmeasured(model, summary.ranges, summary.signals, tool)
-    far = [f"{b}: nobody has seen what it does there" for b in out_there]
+    far = [f"{b}: nobody has seen what it does there" for b in summary.outside]
     summary.warnings = beyond(model, summary.ranges) + far + unfitted(model)
     return summary
 
@@ -164,7 +158,7 @@ def _lines(
             raise NotContractionError(f"{source.file}, {lines}: {error}") from None
         surely = None if root is None else _how_sure(model, at.aside(), root, summary)
         reader.settle()
-        summary.add(at, linear - _linear(at, carrying))
+        summary.add(model, at, linear - _linear(at, carrying))
         tell(f"correcting: {summary.rows:,} rows")
         more = [""] * len(block.text)
         for column, digits in further:

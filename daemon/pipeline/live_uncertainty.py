@@ -16,9 +16,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from abbe.compcore.machine.conditions import Conditions
+from abbe.compcore.model.measured_ranges import OutsideMeasured
 from abbe.compcore.model.model import Model
 from abbe.compcore.model.sensitivity import covariance_root
-from abbe.compcore.model.uncertainty import OutsideMeasured, expanded, uncertainty
+from abbe.compcore.model.uncertainty import expanded, uncertainty
 from abbe.daemon.guard import Vec3
 from abbe.daemon.pipeline.record import CycleRecord
 

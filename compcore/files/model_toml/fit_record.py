@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -42,6 +43,26 @@ def measured_ranges(conditions: Conditions) -> dict[str, Any]:
         "positions": stood,
         "tool": [[float(column.min()), float(column.max())] for column in tool.T],
     }
+
+
+def measured_differences(model: Model, conditions: Conditions) -> dict[str, Any]:
+    """How far the temperatures that a model reads were apart: one → other → least, greatest, K.
+
+    Each may be where it was, and all of them together as they never were.
+    """
+    temperatures = [
+        name
+        for name, signal in model.machine.signals.items()
+        if signal.temperature and name in model.signals_needed() and name in conditions.signals
+    ]
+    found: dict[str, Any] = {}
+    for one, other in combinations(temperatures, 2):
+        apart = conditions.signals[one] - conditions.signals[other]
+        known = apart[np.isfinite(apart)]
+        if known.size:
+            ends = [round(float(known.min()), 3), round(float(known.max()), 3)]
+            found.setdefault(one, {})[other] = ends
+    return found
 
 
 def recorded(
@@ -100,7 +121,13 @@ def recorded(
             "variance": result.renewal.variance,
         },
         "abbe": version,
-        "measured": _wider(measured_ranges(campaign.conditions), before),
+        "measured": _wider(
+            {
+                **measured_ranges(campaign.conditions),
+                "differences": measured_differences(result.model, campaign.conditions),
+            },
+            before,
+        ),
         "knots": [
             {
                 "effect": k.effect,
@@ -133,9 +160,24 @@ def _wider(measured: dict[str, Any], before: Mapping[str, Any]) -> dict[str, Any
         for name, ends in measured[kind].items():
             ranges[name] = _hull(ends, ranges.get(name, ends))
         wider[kind] = ranges
+    wider["differences"] = _wider_apart(measured["differences"], known)
     tool = known.get("tool", measured["tool"])
     wider["tool"] = [_hull(one, other) for one, other in zip(measured["tool"], tool, strict=True)]
     return wider
+
+
+def _wider_apart(
+    now: Mapping[str, Mapping[str, Sequence[float]]], known: Mapping[str, Any]
+) -> dict[str, dict[str, Sequence[float]]]:
+    """How far temperatures were apart, now and before; not of those of which nobody recorded it."""
+    wider = {one: dict(others) for one, others in known.get("differences", {}).items()}
+    recorded_before = set(known.get("signals", {}))
+    for one, others in now.items():
+        before = wider.setdefault(one, {})
+        for other, ends in others.items():
+            if other in before or not recorded_before >= {one, other}:
+                before[other] = _hull(ends, before.get(other, ends))
+    return {one: others for one, others in wider.items() if others}
 
 
 def _hull(one: Sequence[float], other: Sequence[float]) -> list[float]:

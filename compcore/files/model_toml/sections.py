@@ -139,10 +139,11 @@ class _Record(BaseModel):
 
 
 class _Ranges(BaseModel):
-    """Where signals, axes and the tool's offset ranged: least and greatest of each."""
+    """Where signals, axes and the tool's offset ranged, and how far temperatures were apart."""
 
     model_config = ConfigDict(extra="allow", frozen=True, defer_build=True)
     signals: dict[str, tuple[Finite, Finite]] = {}
+    differences: dict[str, dict[str, tuple[Finite, Finite]]] = {}
     positions: dict[str, tuple[Finite, Finite]] = {}
     tool: list[tuple[Finite, Finite]] = []
 
