@@ -28,7 +28,6 @@ from abbe.compcore.comparison.tabulate import ResidualGroup, group, tables
 from abbe.compcore.comparison.words import (
     clock_words,
     comparison_words,
-    extrapolated_note,
     fitted_note,
     known_waves,
 )
@@ -46,6 +45,7 @@ from abbe.compcore.fitting.reduction import leverage
 from abbe.compcore.fitting.words import start_lines
 from abbe.compcore.linalg import threads_for
 from abbe.compcore.model.days import of_another_day
+from abbe.compcore.model.extrapolated import extrapolated_words
 from abbe.compcore.model.measured_ranges import OutsideMeasured, signals_outside
 from abbe.compcore.model.model import Model
 from abbe.compcore.notebook import html_table
@@ -224,11 +224,11 @@ class Comparison(Shown):
         out, beyond = self.extrapolated
         if beyond:
             sizes = [
-                (self.inside_and_out(part), unit, factor)
+                (inside * factor, outside * factor, unit)
                 for part, _, unit, factor in self._parts()
-                if part.n
+                for inside, outside in [self.inside_and_out(part)]
             ]
-            yield extrapolated_note(beyond, float(out.mean()), sizes)
+            yield extrapolated_words(beyond, float(out.mean()), sizes)
 
     def words(self) -> Iterator[str]:
         """What ``abbe compare`` prints: overall, worst set-ups and regions, worst points, lines."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 from abbe.compcore.campaign.campaign import Campaign
@@ -10,15 +9,11 @@ from abbe.compcore.campaign.noise import NoiseFloor
 from abbe.compcore.campaign.sampling import sampling_words
 from abbe.compcore.comparison.lines import MeasuredLine
 from abbe.compcore.comparison.parts import ComparedRows
-from abbe.compcore.model.measured_ranges import OutsideMeasured
 from abbe.compcore.model.model import Model
-from abbe.compcore.sentences import Sentence, joined, said
+from abbe.compcore.sentences import Sentence, said
 from abbe.compcore.units import in_digits
 
 _MOST_LISTED = 8
-_MOST_BEYOND = 3
-_NO_RANGE = 0.1
-"""K or the like: what a signal ranged over that never changed."""
 OTHER_SETUPS = said(
     "ISO/TR 16907, 11.3, asks for other set-ups and other points than those of the tables"
 )
@@ -38,48 +33,6 @@ def clock_words(other_day: Sequence[str], same_day: Sequence[str]) -> Iterator[S
             "this were the same one: the campaigns do not say their days (`date` in their heads)",
             specs=", ".join(same_day),
         )
-
-
-def extrapolated_note(
-    beyond: Sequence[OutsideMeasured],
-    share: float,
-    sizes: Sequence[tuple[tuple[float, float], str, float]],
-) -> Sentence:
-    """That signals stand where the model was not fitted, on what share of the rows, what is left.
-
-    `sizes`: of lengths and of rotations what is left inside and outside, its unit and factor.
-    """
-    worst = sorted(beyond, key=lambda one: -one.by / max(one.high - one.low, _NO_RANGE))
-    where = joined(
-        said("{name} = {value} ({measured} when the model was fitted)", **one.figures)
-        for one in worst[:_MOST_BEYOND]
-    )
-    more = len(beyond) - _MOST_BEYOND
-    if more > 0:
-        where = said("{first}, and {n} more", first=where, n=more)
-    if share == 1.0:
-        return said(
-            "EXTRAPOLATED on all rows: {where}. Nobody has seen whether the machine goes on there "
-            "as the model does.",
-            where=where,
-        )
-    left = joined(
-        said(
-            "there {out} {unit} rms are left, on the other rows {inside}",
-            out=in_digits(outside * factor),
-            inside=in_digits(inside * factor),
-            unit=unit,
-        )
-        for (inside, outside), unit, factor in sizes
-        if math.isfinite(inside) and math.isfinite(outside)
-    )
-    return said(
-        "EXTRAPOLATED on {share} of the rows: {where}. Nobody has seen whether the machine goes on "
-        "there as the model does: {left}.",
-        share=f"{share:.0%}" if share >= 0.01 else said("less than 1 %"),
-        where=where,
-        left=left,
-    )
 
 
 def comparison_words(

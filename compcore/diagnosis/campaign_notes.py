@@ -14,6 +14,8 @@ from abbe.compcore.diagnosis.findings import Findings, measured_kinds
 from abbe.compcore.effects.catalogue.linear.two_drives import LENGTHS
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.machine import Machine
+from abbe.compcore.model.extrapolated import extrapolated_words
+from abbe.compcore.model.measured_ranges import signals_outside
 from abbe.compcore.model.model import Model
 from abbe.compcore.sentences import Sentence, listed, said
 from abbe.compcore.units import in_digits
@@ -35,6 +37,9 @@ def campaign_notes(diagnosis: Findings) -> Iterator[Sentence]:
     """What the campaign could not show, and how its readings were taken."""
     whole = diagnosis.whole
     campaign = whole.problem.campaign
+    out, beyond = signals_outside(whole.problem.model, campaign.conditions)
+    if beyond:
+        yield extrapolated_words(beyond, float(out.mean()))
     if not campaign.clocked:
         yield NO_CLOCK
     if paused := nights(campaign.conditions):

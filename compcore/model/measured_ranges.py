@@ -74,8 +74,8 @@ class Nearest:
     together
         Temperatures further brought to where they stood to each other; else `by_itself`.
     beyond
-        What lay outside; of temperatures that stand to each other as never before the fewest
-        differences that say it, the one that is farthest out first.
+        What lay outside; of temperatures to each other first the two that are farthest out, then
+        what still is once these are brought back.
     """
 
     by_itself: Conditions

@@ -24,6 +24,7 @@ from abbe.compcore.model.uncertainty import (
     uncertainty,
 )
 from abbe.compcore.units import in_digits
+from abbe.daemon.answers.outside import outside_json
 from abbe.daemon.arguments.effect_name import short
 
 F64 = NDArray[np.float64]
@@ -197,10 +198,7 @@ def as_json(found: Corrected, warnings: list[str], *, explain: bool) -> dict[str
             **wide,
             "unit": "um",
             "k": COVERAGE,
-            "beyond": [
-                {"name": b.name, "value": b.value, "measured": [b.low, b.high], "unit": b.unit}
-                for b in found.sure.beyond
-            ],
+            "beyond": outside_json(found.sure.beyond),
         }
     if found.left is not None:
         rotary = {a: found.correction(a) for a in found.asked if is_rotary(a)}

@@ -121,7 +121,7 @@ def recorded(
             "variance": result.renewal.variance,
         },
         "abbe": version,
-        "measured": _wider(
+        "measured": wider(
             {
                 **measured_ranges(campaign.conditions),
                 "differences": measured_differences(result.model, campaign.conditions),
@@ -151,33 +151,33 @@ def recorded(
     return replace(result.model, fit=kept, history=history)
 
 
-def _wider(measured: dict[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
+def wider(measured: dict[str, Any], before: Mapping[str, Any]) -> dict[str, Any]:
     """Ranges that hold those of the campaigns before, too."""
     known = before.get("measured", {})
-    wider = dict(measured)
+    both = dict(measured)
     for kind in ("signals", "positions"):
         ranges = dict(known.get(kind, {}))
         for name, ends in measured[kind].items():
             ranges[name] = _hull(ends, ranges.get(name, ends))
-        wider[kind] = ranges
-    wider["differences"] = _wider_apart(measured["differences"], known)
+        both[kind] = ranges
+    both["differences"] = _wider_apart(measured["differences"], known)
     tool = known.get("tool", measured["tool"])
-    wider["tool"] = [_hull(one, other) for one, other in zip(measured["tool"], tool, strict=True)]
-    return wider
+    both["tool"] = [_hull(one, other) for one, other in zip(measured["tool"], tool, strict=True)]
+    return both
 
 
 def _wider_apart(
     now: Mapping[str, Mapping[str, Sequence[float]]], known: Mapping[str, Any]
 ) -> dict[str, dict[str, Sequence[float]]]:
     """How far temperatures were apart, now and before; not of those of which nobody recorded it."""
-    wider = {one: dict(others) for one, others in known.get("differences", {}).items()}
+    both = {one: dict(others) for one, others in known.get("differences", {}).items()}
     recorded_before = set(known.get("signals", {}))
     for one, others in now.items():
-        before = wider.setdefault(one, {})
+        before = both.setdefault(one, {})
         for other, ends in others.items():
             if other in before or not recorded_before >= {one, other}:
                 before[other] = _hull(ends, before.get(other, ends))
-    return {one: others for one, others in wider.items() if others}
+    return {one: others for one, others in both.items() if others}
 
 
 def _hull(one: Sequence[float], other: Sequence[float]) -> list[float]:

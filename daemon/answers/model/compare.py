@@ -16,6 +16,7 @@ from abbe.compcore.fitting.fit import fit
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.model.model import Model
 from abbe.daemon.answers.model.fit import finite, starts_json
+from abbe.daemon.answers.outside import outside_json
 
 
 def as_json(comparison: Comparison) -> dict[str, Any]:
@@ -52,6 +53,7 @@ def as_json(comparison: Comparison) -> dict[str, Any]:
             for s in samplings(comparison.problem.campaign)
         ],
         "run_starts": starts_json(comparison.problem, comparison.theta),
+        "extrapolated": _extrapolated(comparison),
         "left_out": [*comparison.left_out, *comparison.other_day],
         "suspicions": list(comparison.suspicions),
         "rotation": {
@@ -69,6 +71,21 @@ def with_changes(model: Model, campaign: Campaign, comparison: Comparison) -> Co
         return comparison
     found = standing(model, fit(model, campaign).thin)
     return replace(comparison, changed=() if found is None else tuple(changed(found)))
+
+
+def _extrapolated(comparison: Comparison) -> dict[str, Any] | None:
+    """Signals that were not measured so, on what share of the rows, what is left there and else."""
+    out, beyond = comparison.extrapolated
+    if not beyond:
+        return None
+    found: dict[str, Any] = {"share": float(out.mean()), "beyond": outside_json(beyond)}
+    for name, part, factor in (
+        ("lengths", comparison.lengths, 1e3),
+        ("rotations", comparison.rotations, 1e6),
+    ):
+        inside, outside = comparison.inside_and_out(part)
+        found[name] = {"rms": finite(outside, factor), "rms_elsewhere": finite(inside, factor)}
+    return found
 
 
 def _part(comparison: Comparison, part: ComparedRows, unit: str, factor: float) -> dict[str, Any]:
