@@ -217,31 +217,44 @@ def _as_they_stood(
     """
     ranges = _differences(model, signals)
     signals = dict(signals)
-    beyond: list[OutsideMeasured] = []
     if not ranges:
-        return signals, beyond
-
-    def out(pair: tuple[str, str]) -> F64:
-        return _out_by(signals[pair[0]] - signals[pair[1]], *ranges[pair])
-
-    at_first = {pair: float(np.nanmax(out(pair), initial=0.0)) for pair in ranges}
+        return signals, []
+    names = sorted({name for pair in ranges for name in pair})
+    one, other = np.array([[names.index(name) for name in pair] for pair in ranges]).T
+    low, high = np.array(list(ranges.values())).T[:, :, None]
+    shown = np.array([signals[name] for name in names])
+    rows = np.flatnonzero((_out_by(shown[one] - shown[other], low, high) > _CLOSE).any(axis=0))
+    if not rows.size:
+        return signals, []
+    warm = shown[:, rows]
+    read = warm[one] - warm[other]
+    at_first = _farthest_row(_out_by(read, low, high))
+    said: dict[int, OutsideMeasured] = {}
     for _ in range(_STEPS * len(ranges)):
-        far = {pair: float(np.nanmax(out(pair), initial=0.0)) for pair in ranges}
-        pair = max(far, key=lambda p: far[p])
-        if far[pair] <= _CLOSE:
+        apart = warm[one] - warm[other]
+        far = _farthest_row(_out_by(apart, low, high))
+        k = int(far.argmax())
+        if far[k] <= _CLOSE:
             break
-        one, other = pair
-        name = f"{one} − {other}"
-        apart, (low, high) = signals[one] - signals[other], ranges[pair]
-        if at_first[pair] > _CLOSE and name not in {b.name for b in beyond}:
-            value = float(apart[int(np.nanargmax(out(pair)))])
-            beyond.append(OutsideMeasured(name, value, low + _READ, high - _READ, "K"))
-        half = np.nan_to_num(apart - np.clip(apart, low, high)) / 2.0
-        signals[one], signals[other] = signals[one] - half, signals[other] + half
-    return signals, beyond
+        if k not in said and at_first[k] > _CLOSE:
+            pair, ends = list(ranges)[k], (float(low[k, 0]) + _READ, float(high[k, 0]) - _READ)
+            value = float(read[k, int(np.nanargmax(_out_by(read[k], low[k], high[k])))])
+            said[k] = OutsideMeasured(" − ".join(pair), value, *ends, "K")
+        half = np.nan_to_num(apart[k] - np.clip(apart[k], low[k], high[k])) / 2.0
+        warm[one[k]] -= half
+        warm[other[k]] += half
+    for name, column, brought in zip(names, shown, warm, strict=True):
+        column[rows] = brought
+        signals[name] = column
+    return signals, list(said.values())
 
 
-def _out_by(values: F64, low: float, high: float) -> F64:
+def _farthest_row(out: F64) -> F64:
+    """Of each pair the row that is farthest out, (pairs,); what is not known is not out."""
+    return np.asarray(np.nan_to_num(out, nan=0.0).max(axis=1))
+
+
+def _out_by(values: F64, low: float | F64, high: float | F64) -> F64:
     """How far values lie outside of a range, negative inside."""
     return np.maximum(low - values, values - high)
 
