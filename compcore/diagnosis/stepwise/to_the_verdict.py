@@ -15,7 +15,7 @@ from abbe.compcore.campaign.campaign import Campaign
 from abbe.compcore.campaign.switched_units import switched_thermometers
 from abbe.compcore.diagnosis.judging.foretelling import WORTH
 from abbe.compcore.diagnosis.mistaken import mistakes
-from abbe.compcore.diagnosis.screening.body_motions import of_a_body
+from abbe.compcore.diagnosis.screening.body_motions import motion, of_a_body
 from abbe.compcore.diagnosis.screening.candidates import ALONG_AN_AXIS, RIGID
 from abbe.compcore.diagnosis.stepwise.best_on_the_way import best_on_the_way, foretells_better
 from abbe.compcore.diagnosis.stepwise.describing import describe
@@ -234,15 +234,20 @@ def _complete_motions(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     """Add another error motion of an axis of which some are added and more is left.
 
     Every axis has all of its motions. Where some of them are established and structure is
-    left, another one comes before any description of it: if the data speak for it at all, and
-    left-out blocks are predicted better by what is worth a cause.
+    left, all of them together, else another one, come before any description of it: if the data
+    speak for it at all, and left-out blocks are predicted better by what is worth a cause. Not in
+    another shape what is there: a table of a wave's every crest foretells it only where it stands.
     """
     if diagnosis.verdict != "unexplained":
         return False
     known = {getattr(e, "axis", "") for e in growing.added if e.kind in RIGID}
+    if known and whole_body(growing, diagnosis, axes=0):
+        return True
+    there = {motion(e) for e in growing.last.result.model.effects}
     for found in diagnosis.ranked[:MOST_TRIED]:
         effect = found.candidate.effect
-        rest = effect.kind in RIGID and getattr(effect, "axis", None) in known
+        own = effect.kind in RIGID and getattr(effect, "axis", None) in known
+        rest = own and motion(effect) not in there
         if rest and found.evidence.value > 0.0 and growing.add(effect, falls=1.0 - WORTH):
             return True
     return False

@@ -20,14 +20,14 @@ from abbe.compcore.errors import FitError
 from abbe.compcore.fitting.cautious import cautiously
 from abbe.compcore.fitting.fit import FitResult, fit
 from abbe.compcore.model.model import Model
-from abbe.compcore.model.revise import without_effect
+from abbe.compcore.model.revise import identity, without_effect
 
 _AXES = 2
 """Linear axes of which a motion has to be established before those of all are asked."""
 _FEWEST = 3
 
 
-def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
+def whole_body(growing: GrowingModel, diagnosis: Diagnosis, *, axes: int = _AXES) -> bool:
     """Add the error motions of all linear axes and their scales' expansions, if worth it.
 
     Taken one by one, a motion is imitated by what few rows tell from it: the sag of a ram, a turn
@@ -44,6 +44,8 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
         The model; where it has all motions nothing is done.
     diagnosis
         What it lacks.
+    axes
+        Of how many axes motions have to be established.
 
     Returns
     -------
@@ -51,12 +53,12 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     """
     machine = growing.last.result.model.machine
     wanted = [e.found.candidate.effect for e in diagnosis.established]
-    axes = {a for e in wanted if of_a_body(e, machine) for a in _axes_of(e)}
+    moving = {a for e in wanted if of_a_body(e, machine) for a in _axes_of(e)}
     if not growing.bodies:
         return False
     if growing.of_bodies and _scales_expand(growing, diagnosis):
         return True
-    if len(axes) < _AXES:
+    if len(moving) < axes:
         return False
     known = {motion(e) for e in growing.last.result.model.effects}
     missing: dict[object, Effect] = {}
@@ -82,9 +84,7 @@ def whole_body(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     if found is None:
         # of lines that were measured once each, least squares foretells none that is left out
         found = growing.better(more[-1][0], added, 1.0 - WORTH, cautious=True)
-    if found and plain and _surely_better(plain, cautiously(found[0]), added):
-        return False
-    if found is None:
+    if found is None or (plain and _give_way(plain, found[0], [*added, *wanted])):
         return False
     growing.of_bodies = added
     growing.instruments = _of_instruments(growing.last.result.model)
@@ -99,14 +99,21 @@ def _alone(growing: GrowingModel, wanted: Sequence[Effect]) -> FitResult | None:
     return None if found is None else found[0]
 
 
-def _surely_better(mine: FitResult, theirs: FitResult, added: Sequence[Effect]) -> bool:
-    """Whether one of two fits, with the established causes alone or all motions, foretells better.
+def _give_way(plain: FitResult, motions: FitResult, effects: Sequence[Effect]) -> bool:
+    """Whether the established causes alone foretell left-out blocks surely better than beside all.
 
     Where holes scatter about where a machine drills them, all motions beside the squareness that is
-    there follow the scatter, and foretell nothing.
+    there follow the scatter, and foretell nothing. Causes that are no motions, as a spindle that
+    grows, stand beside both: what they foretell speaks for neither.
     """
-    one, two = LeftOutErrors.beside(mine, theirs, added)
-    return foretells_better(one.left.residual, two.left.residual, theirs)
+    there = {identity(e) for e in motions.model.effects}
+    causes = [e for e in plain.model.effects if identity(e) not in there]
+    beside = motions
+    if causes:
+        whole = grown(motions.model, causes)[-1][0]
+        beside = fit(whole, motions.problem.campaign, near=True)
+    one, two = LeftOutErrors.beside(plain, cautiously(beside), effects)
+    return foretells_better(one.left.residual, two.left.residual, beside)
 
 
 def _scales_expand(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
