@@ -235,8 +235,9 @@ def _complete_motions(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
 
     Every axis has all of its motions. Where some of them are established and structure is
     left, all of them together, else another one, come before any description of it: if the data
-    speak for it at all, and left-out blocks are predicted better by what is worth a cause. Not in
-    another shape what is there: a table of a wave's every crest foretells it only where it stands.
+    speak for it at all, and left-out blocks are predicted better by what is worth a cause. In more
+    detail what is there as well, unless a wave of its axis says more: a table of every crest
+    foretells the wave only where it was measured.
     """
     if diagnosis.verdict != "unexplained":
         return False
@@ -244,10 +245,14 @@ def _complete_motions(growing: GrowingModel, diagnosis: Diagnosis) -> bool:
     if known and whole_body(growing, diagnosis, axes=0):
         return True
     there = {motion(e) for e in growing.last.result.model.effects}
+    waves: set[object] = set()
     for found in diagnosis.ranked[:MOST_TRIED]:
         effect = found.candidate.effect
-        own = effect.kind in RIGID and getattr(effect, "axis", None) in known
-        rest = own and motion(effect) not in there
+        axis = getattr(effect, "axis", None)
+        if effect.kind == "cyclic":
+            waves.add(axis)
+        finer = motion(effect) in there
+        rest = effect.kind in RIGID and axis in known and not (finer and axis in waves)
         if rest and found.evidence.value > 0.0 and growing.add(effect, falls=1.0 - WORTH):
             return True
     return False
