@@ -15,7 +15,9 @@ _TURNS = {
 
 _GROW = ("scale_expansion", "screw_heating")
 
-WITH_A_LEVER = (*_TURNS.values(), *_GROW, "thermal_tilt")
+_BENDS = "load_bending"
+
+WITH_A_LEVER = (*_TURNS.values(), *_GROW, "thermal_tilt", _BENDS)
 """Kinds that are a shift where no lever, or no place, differs."""
 
 
@@ -23,8 +25,11 @@ def shift_of(shift: Effect, other: Effect) -> bool:
     """Whether one is the shift that another effect is where no lever and no place differs.
 
     Of an axis's turn its error motion across. Of what grows or leans by signals the shift by the
-    same signals, behind a lag both or none: of a growth along its axis, of a lean across.
+    same signals, behind a lag both or none: of a growth along its axis, of a lean across. Of a
+    guideway that a load twists one that it bends across.
     """
+    if shift.kind == _BENDS:
+        return other.kind == _BENDS and _across(shift, other)
     if other.kind not in WITH_A_LEVER:
         return False
     if shift.kind != "thermal_offset":
@@ -37,6 +42,14 @@ def shift_of(shift: Effect, other: Effect) -> bool:
     if grows(other):
         return own_component(getattr(other, "axis", "")) == along
     return other.kind == "thermal_tilt" and getattr(other, "about", "") != along
+
+
+def _across(shift: Effect, other: Effect) -> bool:
+    """Whether one bends a guideway across the axis about which the other, by its signal, twists."""
+    alike = shift.signals_needed() == other.signals_needed()
+    same_axis = getattr(shift, "axis", None) == getattr(other, "axis", "")
+    along, about = getattr(shift, "direction", None), getattr(other, "about", None)
+    return alike and same_axis and along is not None and about not in (None, along)
 
 
 def grows(effect: Effect) -> bool:

@@ -147,7 +147,7 @@ def _forward(pool: Pool, basis: Basis, start: Sequence[WeighedCandidate]) -> lis
     current = pool.joined(basis, out)
     for _ in range(_MOST):
         first = pool.ranked(current, taken(pool, out))
-        leaders = _leaders(pool, current, out, first)
+        leaders = [pool.refined(current, f) for f in _leading(first)]
         leader = _established(_simplest(pool, current, leaders), leaders, basis.n)
         if leader is None:
             break
@@ -176,18 +176,6 @@ def _leading(ranked: Sequence[WeighedCandidate]) -> list[WeighedCandidate]:
     first = list(ranked[:LEADERS])
     turns = [g for g in first if g.candidate.effect.kind in WITH_A_LEVER]
     return first + [f for f in ranked[LEADERS:] if any(_shift_of(f, g) for g in turns)]
-
-
-def _leaders(
-    pool: Pool,
-    beside: Basis,
-    found: Sequence[WeighedCandidate],
-    ranked: Sequence[WeighedCandidate],
-    *now: WeighedCandidate,
-) -> list[WeighedCandidate]:
-    """The leading candidates beside what was found, refined; without second answers of a shift."""
-    leaders = [pool.refined(beside, f) for f in [*now, *_leading(ranked)]]
-    return [f for f in leaders if not _answers_twice(pool, beside, found, f)]
 
 
 def _cause(found: WeighedCandidate) -> tuple[str, tuple[tuple[str, str], ...]]:
@@ -239,7 +227,7 @@ def _settled(
             beside = pool.joined(basis, rest)
             ranked = pool.ranked(beside, taken(pool, rest))
             (now,) = pool.weighed(beside, [f])
-            leaders = _leaders(pool, beside, rest, ranked, now)
+            leaders = [pool.refined(beside, r) for r in [now, *_leading(ranked)]]
             best = _simplest(pool, beside, leaders) or now
             if not best.established(basis.n):
                 out, changed = rest, True
@@ -317,25 +305,6 @@ def _shift_of(found: WeighedCandidate, best: WeighedCandidate) -> bool:
     return (
         shift_of(found.candidate.effect, best.candidate.effect)
         and found.evidence.value > best.evidence.value - _NO_LEVER
-    )
-
-
-def _answers_twice(
-    pool: Pool, basis: Basis, out: Sequence[WeighedCandidate], found: WeighedCandidate
-) -> bool:
-    """Whether what grows or leans is only a second answer of a shift to the same signal.
-
-    A spindle grows as its bearing warms and again, later, as its head does: where the axis stood at
-    one place meanwhile, the expansion of its scale behind a lag says the same. Both answers are the
-    shift's, which comes in once, and is asked for its lags when it is fitted.
-    """
-    if not found.candidate.effect.signals_needed():
-        return False
-    there = taken(pool, out)
-    return any(
-        _shift_of(pool.refined(basis, f), found)
-        for f in pool.ranked(basis)
-        if f.key in there and shift_of(f.candidate.effect, found.candidate.effect)
     )
 
 
