@@ -183,9 +183,13 @@ def model_of(path: str | Path) -> Path:
     Raises
     ------
     InputError
-        When the plan names none.
+        When it is no plan, or names none.
     """
     source = TomlSource.read(path)
+    if source.data.get("format", PLAN) != PLAN:
+        raise source.error(
+            "not allowed", ("format",), found=source.data["format"], expected=f"'{PLAN}'"
+        )
     name = source.data.get("model")
     if not isinstance(name, str) or not name:
         raise source.error("the plan names no model", ("model",), found=name, expected="--model")

@@ -57,6 +57,8 @@ class ProgramStep:
         Of a touch: every axis → where it stands at the latest, mm or rad.
     guarded
         Of a move: the probe must not touch anything on it.
+    turning
+        Of a move: rotary axes alone move.
     """
 
     kind: Literal["note", "stop", "there", "move", "target", "touch"]
@@ -68,6 +70,7 @@ class ProgramStep:
     directions: Mapping[str, int] = field(default_factory=dict)
     stands: Mapping[str, float] = field(default_factory=dict)
     guarded: bool = False
+    turning: bool = False
 
 
 def steps_of(
@@ -247,5 +250,8 @@ class Way:
                 field=f"setups.{setup.name}",
                 expected="a free way; plan with the box, or change the order of set-ups",
             )
+        turning = turns and all(
+            is_rotary(a) or abs(then[a] - v) <= _NEAR for a, v in self._at.items()
+        )
         self._at = then
-        return ProgramStep("move", at=dict(to), seconds=seconds)
+        return ProgramStep("move", at=dict(to), seconds=seconds, turning=turning)

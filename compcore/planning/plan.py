@@ -25,6 +25,7 @@ from abbe.compcore.planning.setups.poses import planned_by_joints
 from abbe.compcore.planning.setups.presets import PRESETS, Preset, filled, possible_of
 from abbe.compcore.planning.targets import SurveyTask
 from abbe.compcore.planning.undetermined import Undecided, undecided
+from abbe.compcore.sentences import said
 
 F64 = NDArray[np.float64]
 
@@ -158,9 +159,17 @@ def plan_survey(
         fine = [s for s in fine if task.space.hindrance(task.machine, s) is None]
         tell("what each of them adds")
         pool = Candidates(found, [added(task, s) for s in found])
-        if not found or float(pool.seconds.min()) > seconds:
+        nothing = "no set-up of these instruments can be done on this machine in this time"
+        if found and float(pool.seconds.min()) > seconds:
             raise InputError(
-                "no set-up of these instruments can be done on this machine in this time",
+                nothing,
+                field="time",
+                found=f"{seconds / 60.0:g} min",
+                expected=said("{n} min or more", n=int(np.ceil(float(pool.seconds.min()) / 60.0))),
+            )
+        if not found:
+            raise InputError(
+                nothing,
                 field="instruments",
                 found=", ".join(i.key for i in instruments),
                 expected=_AT_ARMS if planned_by_joints(task) else _ELSE,

@@ -11,6 +11,7 @@ from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Machine
 from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.motion import ProgramStep
+from abbe.compcore.planning.planned_setup import FEED, TURN_RATE
 
 MADE_BY = "made by abbe program"
 """Stands in every program, so that one may be overwritten by the next."""
@@ -46,13 +47,21 @@ class Dialect(ABC):
         title
             What it is, for people.
         feed
-            Of all moves, mm/min; where only rotary axes move, degrees/min.
+            Of all moves, mm/min; where only rotary axes move, `feed_of` of it.
 
         Raises
         ------
         InputError
             When the language cannot say it.
         """
+
+
+def feed_of(step: ProgramStep, feed: float) -> float:
+    """The feed of a move, mm/min; degrees/min, a fifth of it, where only rotary axes move.
+
+    So the plan's times count them: 3000 mm/min beside 10 degrees a second.
+    """
+    return feed * math.degrees(TURN_RATE) / FEED if step.turning else feed
 
 
 def no_touching(title: str) -> InputError:

@@ -19,6 +19,7 @@ from abbe.drivers.programs.dialect import (
     LOG,
     MADE_BY,
     Dialect,
+    feed_of,
     no_lathe,
     plain,
     require_letters,
@@ -76,7 +77,7 @@ class _GCode(Dialect):
             elif step.kind == "move" and step.guarded:
                 yield from self._guarded(step, feed)
             elif step.kind == "move":
-                yield f"{self.move} {self._words(step.at)} F{self._feed(feed)}"
+                yield f"{self.move} {self._words(step.at)} F{self._feed(feed_of(step, feed))}"
                 if step.seconds:
                     yield self._dwell(step.seconds)
             elif step.kind == "touch":
@@ -284,4 +285,7 @@ class Siemens(_GCode):
         yield self._note(f"{title}, {MADE_BY}")
         # G71 would leave the feed in inches per minute where the control's own unit is the inch
         yield "G710 G90 G94 G40 G500 D0"
+        if machine.structure.rotary:
+            # a five-axis transformation that is left on would take X, Y, Z for the tool's tip
+            yield "TRAFOOF"
         yield from self._radius(machine)

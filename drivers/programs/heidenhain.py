@@ -14,6 +14,7 @@ from abbe.compcore.planning.motion import ProgramStep
 from abbe.drivers.programs.dialect import (
     MADE_BY,
     Dialect,
+    feed_of,
     no_lathe,
     no_touching,
     plain,
@@ -55,7 +56,7 @@ class Klartext(Dialect):
                 yield "STOP"
             elif step.kind == "move":
                 words = " ".join(f"{a}{v:+.4f}" for a, v in shown(step.at).items())
-                yield f"L {words} R0 F{feed:.0f} M91"
+                yield f"L {words} R0 F{feed_of(step, feed):.0f} M91"
                 if step.seconds:
                     yield from self._dwell(step.seconds)
             else:

@@ -234,7 +234,7 @@ def test_an_unknown_instrument_is_named(names, says):
 
 
 def test_no_time_is_said():
-    with pytest.raises(InputError, match="in this time"):
+    with pytest.raises(InputError, match=r"in this time: found '1 min', expected 19 min or more"):
         plan_survey(task("bridge"), AT_HAND, 60.0)
 
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from abbe.compcore.campaign.campaign import Kind
 from abbe.compcore.errors import InputError
 from abbe.compcore.machine.machine import Axis, Machine
 from abbe.compcore.machine.structure import Structure, is_rotary
@@ -16,6 +17,7 @@ from abbe.compcore.planning.drawing_back import drawn_back
 from abbe.compcore.planning.envelope import KeepOut, WorkingSpace
 from abbe.compcore.planning.instruments import instruments_called
 from abbe.compcore.planning.motion import TURN, ProgramStep, steps_of
+from abbe.compcore.planning.planned_setup import PlannedSetup
 from abbe.compcore.planning.setups.candidates import possible
 from abbe.drivers.programs.dialect import plain, targets_csv
 from abbe.drivers.programs.dialects import dialect_called
@@ -126,6 +128,34 @@ def test_linuxcncs_own_interpreter_stops_at_every_target(name, tmp_path):
     assert done.stdout.count("PROGRAM_STOP()") == len(setups) + there
 
 
+def test_rotary_axes_that_turn_alone_go_as_the_plan_counts_them():
+    """3 m/min beside 10 degrees a second: 600 degrees a minute, not 3000."""
+    axes = {a: Axis(a, (-1.5, 1.5)) for a in ("B", "C")} | {"X": Axis("X", (0.0, 500.0))}
+    machine = Machine("turns", Structure.parse("w C' B' X' b t"), axes)
+    angles = {"X": np.full(3, 100.0), "B": np.zeros(3), "C": np.array([-1.0, 0.0, 1.0])}
+    setup = PlannedSetup(
+        instruments_called(["rotary-calibrator"])[0], "angle of C", "C", angles,
+        np.tile([[[0.0, 0.0, 1.0]]], (3, 1, 1)), Kind.ROTATION, ("zero",), np.full(3, 1e-6),
+        name="s",
+    )  # fmt: skip
+    steps = steps_of(machine, [setup], WorkingSpace())
+    for name, fed in (("siemens", r"C=(\S+) F(\d+)"), ("heidenhain", r"C(\S+) R0 F(\d+)")):
+        text = dialect_called(name).text(steps, machine, "test", 3000.0)
+        between = text[text.index("target 1") : text.rindex("target")]
+        turned = [float(f) for _, f in re.findall(fed, between)]
+        assert len(turned) > 4
+        assert set(turned) == {600.0}
+
+
+def test_siemens_ends_a_five_axis_transformation_where_there_are_rotary_axes():
+    for name, said in (("rotary table", True), ("bridge", False)):
+        aim, setups = chosen(name)
+        steps = steps_of(aim.machine, setups[:1], aim.space)
+        lines = dialect_called("siemens").text(steps, aim.machine, "test", 2000.0).splitlines()
+        first = next(i for i, line in enumerate(lines) if line.startswith("SUPA"))
+        assert ("TRAFOOF" in lines[:first]) == said
+
+
 def words(text, pattern):
     return {a: float(v) for a, v in re.findall(pattern, text)}
 
@@ -154,7 +184,8 @@ def siemens(text):
         elif found := re.fullmatch(r"G4 F([\d.]+)", line):
             yield float(found[1])
         else:
-            assert line.startswith(";") or line in ("M0", "M30", "G710 G90 G94 G40 G500 D0")
+            own = ("M0", "M30", "G710 G90 G94 G40 G500 D0", "TRAFOOF")
+            assert line.startswith(";") or line in own
 
 
 def fanuc(text):

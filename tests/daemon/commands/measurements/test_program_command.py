@@ -89,3 +89,10 @@ def test_no_program_drives_into_what_a_probe_touches(plan, tmp_path, artefact):
     assert "drive into them" in done.err
     assert "probing cycles" in done.err
     assert not out.exists()
+
+
+def test_a_model_in_place_of_a_plan_is_called_so(plan, tmp_path):
+    done = abbe("program", plan.parent / "m.toml", "--controller", "siemens",
+                "-o", tmp_path / "p.mpf")  # fmt: skip
+    assert done.status == 1
+    assert "found 'abbe-model/1', expected 'abbe-plan/1'" in done.err
