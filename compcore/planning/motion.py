@@ -23,6 +23,7 @@ from abbe.compcore.machine.structure import is_rotary
 from abbe.compcore.planning.beyond import beyond_of
 from abbe.compcore.planning.drawing_back import drawn_back, draws_back
 from abbe.compcore.planning.envelope import WorkingSpace
+from abbe.compcore.planning.following_legs import legs_between
 from abbe.compcore.planning.nudge import nudge_of
 from abbe.compcore.planning.planned_setup import PlannedSetup
 
@@ -138,9 +139,13 @@ class Way:
                 if setup.instrument.there:
                     yield ProgramStep("there", f"{setup.instrument.there}: {setup.what}")
             else:
+                for leg in legs_between(self._machine, setup, self._at, target):
+                    yield self._move(setup, leg)
                 late = [a for a in moving if self._wrong(a, target[a], sense[a], before[a])]
                 if late:
                     beyond = {a: target[a] - sense[a] * more[a] for a in late}
+                    if setup.instrument.held:  # all together: none may stay behind
+                        beyond = target | beyond
                     yield self._move(setup, beyond, TURN)
             yield self._move(setup, target)
             seconds = setup.instrument.reading if self._stands is None else self._stands
