@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from abbe.compcore.artefacts.plate import rigid_placing
 from abbe.compcore.campaign.campaign import Campaign, Kind
 from abbe.compcore.errors import InputError
+from abbe.compcore.files.importers.mistaken_point import mistaken_point
 from abbe.compcore.files.importers.placing import ForeignPlacing, Readings, place
 from abbe.compcore.files.importers.sheets.logged import (
     LoggedColumn,
@@ -107,7 +108,7 @@ def import_points(
     ------
     InputError
         Naming file, line, column, what was found and what was expected; also when the points are
-        none of this machine.
+        none of this machine, or one of them is not.
     """
     source, placing = Path(path), placing or ForeignPlacing()
     sheet = read_sheet(source)
@@ -136,20 +137,31 @@ def import_points(
     seen = seen * scale_of(unit, "mm", sheet.file)
     turning = [a for a in positions if is_rotary(a) and np.ptp(positions[a]) > 0.0]
     free = bool(turning) and not tool_known
-    chain = Chain(machine, Conditions(at, tool=np.tile(placing.tool, (n, 1))))
+    stood = Conditions(at, tool=np.tile(placing.tool, (n, 1)))
+    chain = Chain(machine, stood)
     if not float(np.ptp(seen, axis=0).max()) > 0.0:
         raise InputError(
             "the points are all the same", file=source, field=", ".join(names),
             found=f"{n} points at one place", expected="points over the working volume",
         )  # fmt: skip
     spread = float(np.sqrt(np.mean(np.ptp(seen, axis=0) ** 2)))
-    pose = stand(chain, seen, np.array(placing.tool), free=free)
-    if free and pose.rms > FITS * spread:
-        # a reflector far from where it was looked for: look on the joints' lines too
-        begun = [machine.axis(a).location for a in machine.structure.axes if is_rotary(a)]
-        poses = [stand(chain, seen, np.asarray(p) + placing.tool, free=True) for p in begun]
-        pose = min([pose, *poses], key=lambda found: found.rms)
+    pose = _found(chain, seen, placing, FITS * spread, free=free)
     if pose.rms > FITS * spread:
+
+        def rms_of(some: NDArray[np.int64]) -> float:
+            part = Chain(machine, stood.rows(some))
+            return _found(part, seen[some], placing, FITS * spread, free=free).rms
+
+        if n > _FEWEST and (one := mistaken_point(pose.left, rms_of)) is not None:
+            raise InputError(
+                "a point does not belong to its axes' positions: is it of another pose, or of a "
+                "lost beam? Put it right, or take its line out",
+                file=source,
+                line=int(lines[one[0]]),
+                field=", ".join(names),
+                found=f"{pose.rms:.3g} mm rms left of all points",
+                expected=f"{one[1]:.3g} mm, as without this one",
+            )
         raise InputError(
             "the points are none of this machine, as the model describes it",
             file=source,
@@ -181,6 +193,20 @@ def import_points(
     metadata = {"instrument": "tracker"} | ({} if date is None else {"date": date})
     held = replace(placing, tool=tool)
     return place(source, sheet.data, rows, held, notes, metadata, machine)
+
+
+def _found(
+    chain: Chain, seen: F64, placing: ForeignPlacing, fits: float, *, free: bool
+) -> TrackerPose:
+    """How the tracker stands; where that leaves more than what fits, mm, looked for otherwise."""
+    pose = stand(chain, seen, np.array(placing.tool), free=free)
+    if not free or pose.rms <= fits:
+        return pose
+    # a reflector far from where it was looked for: look on the joints' lines too
+    axes = chain.machine.structure.axes
+    begun = [chain.machine.axis(a).location for a in axes if is_rotary(a)]
+    poses = [stand(chain, seen, np.asarray(p) + placing.tool, free=True) for p in begun]
+    return min([pose, *poses], key=lambda found: found.rms)
 
 
 def stand(chain: Chain, seen: F64, tool: F64, *, free: bool) -> TrackerPose:

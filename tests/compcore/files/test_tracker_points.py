@@ -113,6 +113,18 @@ def test_a_reflector_far_from_the_origin_is_found_by_two_joints_alone(tmp_path: 
     assert campaign.conditions.tool[0] == pytest.approx(tool, abs=1e-3)
 
 
+def test_one_point_of_another_pose_is_named_by_its_line(tmp_path: Path) -> None:
+    rng = np.random.default_rng(8)
+    angles = rng.uniform(-70.0, 70.0, (25, 5))
+    seen = STAND.apply(reached(angles, TOOL) + rng.normal(0.0, 0.1, (25, 3))) + SHIFT
+    seen[17] += [1200.0, -900.0, 0.0]
+    arm = machine("w b C1 B2 B3 A4 B5 t", ARM)
+    path = written(tmp_path / "p.csv", "C1 B2 B3 A4 B5 x y z", angles, seen)
+    with pytest.raises(InputError, match="a point does not belong") as refused:
+        import_points(path, arm)
+    assert refused.value.line == 19, "the heading is line 1"
+
+
 def test_what_is_none_of_this_machine_is_refused(tmp_path: Path) -> None:
     rng = np.random.default_rng(7)
     angles = rng.uniform(-70.0, 70.0, (25, 5))
