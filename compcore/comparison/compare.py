@@ -212,8 +212,8 @@ class Comparison(Shown):
             return
         else:
             yield said("THE MODEL DOES NOT HOLD on this campaign: {parts}.", parts=parts)
-        yield from self._extrapolated_words()
         yield from self.changed
+        yield from self._extrapolated_words()
         for side in self.sides:
             yield said(
                 "{what}: {share} of what is left.", what=side.words, share=f"{side.share:.0%}"

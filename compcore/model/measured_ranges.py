@@ -102,18 +102,28 @@ def outside(model: Model, conditions: Conditions) -> tuple[OutsideMeasured, ...]
     beyond: list[OutsideMeasured] = []
     _positions_held(model, conditions, beyond)
     _tool_held(model, conditions, beyond)
-    return (*beyond, *signals_outside(model, conditions)[1])
+    return (*beyond, *signals_outside(model, conditions, read=0.0)[1])
 
 
 def signals_outside(
-    model: Model, conditions: Conditions
+    model: Model, conditions: Conditions, *, read: float = _READ
 ) -> tuple[NDArray[np.bool_], tuple[OutsideMeasured, ...]]:
-    """Rows with signals, by themselves or to each other, that were not measured so, (n,); which."""
-    beyond: list[OutsideMeasured] = []
-    signals = _signals_held(model, conditions, beyond)
+    """Rows with signals, by themselves or to each other, that were not measured so, (n,); which.
+
+    Parameters
+    ----------
+    read
+        K by which a single temperature may seem to be outside.
+    """
+    held: list[OutsideMeasured] = []
+    signals = _signals_held(model, conditions, held)
     rows = np.zeros(conditions.n, dtype=bool)
+    known = model.machine.signals
+    slack = {n: read if n in known and known[n].temperature else 0.0 for n in signals}
+    beyond = [one for one in held if one.by > slack[one.name]]
     for name, (low, high) in _needed_ranges(model, signals).items():
-        rows |= _out_by(conditions.signals[name], low, high) > _slack(low, high)
+        out = _out_by(conditions.signals[name], low, high)
+        rows |= out > slack[name] + _slack(low, high)
     for (one, other), (low, high) in _differences(model, signals).items():
         rows |= _out_by(signals[one] - signals[other], low, high) > _CLOSE
     return rows, (*beyond, *_as_they_stood(model, signals)[1])
