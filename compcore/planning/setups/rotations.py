@@ -25,6 +25,8 @@ _UP = (60.0, 200.0)
 """How high above the table, mm."""
 _FEWEST = 5
 """Angles below which a sphere says too little of an axis."""
+_PARTS = 16
+"""Steps from one angle to the next at which a sphere's arc is looked at."""
 _OTHERS = (None, 0.25, 0.6)
 """Where other rotary axes stand: at 0, or at a part of their travel."""
 
@@ -67,6 +69,15 @@ def spheres(
                 point = np.tile(sphere, (len(angles), 1))
                 targets = following(machine, turning | {axis: angles}, point, tools)
                 kept, fewest = _reached(task, targets), max(_FEWEST, len(angles) // 2)
+                if instrument.held:
+                    fine = _between(angles)
+                    on_the_way = following(
+                        machine,
+                        {a: np.full(len(fine), stand[a]) for a in others} | {axis: fine},
+                        np.tile(sphere, (len(fine), 1)),
+                        np.tile(np.asarray(offset), (len(fine), 1)),
+                    )
+                    kept = _longest_way(kept, _inside(task, on_the_way))
                 if instrument.key == "sphere":
                     fewest = _FEWEST
                     kept &= room_about(machine, targets, offset)
@@ -144,6 +155,45 @@ def _reached(task: SurveyTask, targets: dict[str, F64]) -> NDArray[np.bool_]:
         low, high = task.ends(a) if moves else task.machine.axes[a].travel
         kept &= (targets[a] >= low) & (targets[a] <= high)
     return kept
+
+
+def _between(angles: F64) -> F64:
+    """Angles with `_PARTS` steps from each to the next."""
+    steps = np.arange(_PARTS * (len(angles) - 1) + 1) / _PARTS
+    return np.asarray(np.interp(steps, np.arange(len(angles)), angles))
+
+
+def _inside(task: SurveyTask, targets: dict[str, F64]) -> NDArray[np.bool_]:
+    """Which poses lie inside the travels of the linear axes."""
+    inside = np.ones(len(next(iter(targets.values()))), dtype=np.bool_)
+    for a in task.machine.structure.linear:
+        low, high = task.machine.axes[a].travel
+        inside &= (targets[a] >= low) & (targets[a] <= high)
+    return inside
+
+
+def _longest_way(kept: NDArray[np.bool_], inside: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """The most targets one after another between which the sphere can be followed, (k,).
+
+    What the tool holds stays at the sphere from the first target to the last: where its arc leaves
+    the travels there is no way to the next one.
+
+    Parameters
+    ----------
+    kept
+        Targets that can be reached, (k,).
+    inside
+        Whether the arc is inside the travels, at `_between` them.
+    """
+    best, start = (0, 0), 0
+    for k in range(len(kept) + 1):
+        ends = k == len(kept) or not kept[k]
+        if not ends and k > start and not inside[_PARTS * (k - 1) : _PARTS * k + 1].all():
+            best, start = max(best, (k - start, -start)), k
+        if ends:
+            best, start = max(best, (k - start, -start)), k + 1
+    count, first = best[0], -best[1]
+    return (np.arange(len(kept)) >= first) & (np.arange(len(kept)) < first + count)
 
 
 def functional_points(task: SurveyTask, setup: PlannedSetup) -> F64:

@@ -5,11 +5,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from abbe.compcore.files.model_file import parse_model
+from abbe.compcore.files.text.toml_source import TomlSource
 from abbe.compcore.machine.conditions import Conditions
 from abbe.compcore.machine.kinematics import Chain
 from abbe.compcore.planning.instruments import instruments_called
 from abbe.compcore.planning.motion import steps_of
 from abbe.compcore.planning.setups.candidates import possible
+from abbe.compcore.planning.targets import SurveyTask
 from tests.support.compcore.survey_machines import task
 
 BAR_RANGE = 1.0
@@ -70,3 +73,24 @@ def test_a_diagonal_s_reflector_stays_in_the_beam(kind):
     reach = (tips - line[0]) @ along
     assert reach.min() < -1.0
     assert reach.max() > np.linalg.norm(line[-1] - line[0]) + 1.0
+
+
+def test_every_planned_r_test_has_a_way_to_its_next_target():
+    """Of a swivelling table on X, between angles that are reached its sphere left Z's travel."""
+    lines = {"B": "[-90.0, 90.0]", "C": "[-360.0, 360.0]"}
+    text = 'format = "abbe-model/1"\n[machine]\nname = "T"\nstructure = "w C\' B\' X\' b Y Z t"\n'
+    for axis, travel in {"X": "[0.0, 500.0]", "Y": "[0.0, 450.0]", "Z": "[-50.0, 400.0]"}.items():
+        text += f"[machine.axes.{axis}]\ntravel = {travel}\n"
+    for axis, travel in lines.items():
+        place = "location = [250.0, 225.0, 100.0]"
+        text += f"[machine.axes.{axis}]\ntravel = {travel}\n{place}\n"
+    aim = SurveyTask(parse_model(TomlSource(text)), tools={"P": (0.0, 0.0, -120.0)})
+    setups = [
+        s
+        for s in possible(aim, instruments_called(["r-test"]))
+        if aim.space.hindrance(aim.machine, s) is None
+    ]
+    assert {s.axis for s in setups} == {"B", "C"}
+    for setup in setups:
+        steps = list(steps_of(aim.machine, [replace(setup, name="s")], aim.space))
+        assert sum(step.kind == "target" for step in steps) == 2 * setup.count
